@@ -1,0 +1,73 @@
+"""celestcore: where a spacecraft is and which way it points, from its sensors.
+
+Conventions, the same everywhere:
+
+- Units are SI and radians; a name says so when it differs (``sigma_arcsec``).
+- Quaternions are Hamilton's, scalar first ``(w, x, y, z)``, unit; ``q_ib`` takes body vectors to
+  inertial ones, ``v_i = q_ib * v_b * conj(q_ib)``.
+- Attitude errors stand on the right, in the body frame: ``q = q_hat * exp(dtheta / 2)``.
+- Frames: ``i`` GCRS, ``e`` ITRS, ``b`` body, ``c`` camera; ``q_ab`` takes ``b`` components to ``a``
+  components.
+- Times are float64 seconds since one stated epoch.
+- Noise is given as densities: gyro angle random walk ``arw`` [rad/sqrt(s)], rate random walk
+  ``rrw`` [rad/s/sqrt(s)].
+- Arrays: leading axes are time or trial, the last axis is the vector; outputs are fresh float64.
+
+Examples
+--------
+>>> import celestcore as cc
+>>> log = cc.sample("fermi")
+>>> nav = cc.Settings.from_log(log).navigator()
+>>> sol = nav.run(log)
+>>> sol.q.shape == (len(sol), 4)
+True
+"""
+
+from celestcore import analysis, quaternion
+from celestcore._core import __version__
+from celestcore.config import Settings
+from celestcore.errors import (
+    CelestcoreError,
+    CelestcoreWarning,
+    InputError,
+    LogFormatError,
+    MissingDependencyError,
+    NumericalError,
+)
+from celestcore.filters import EKF, SRUKF, UKF
+from celestcore.io import read_log, write_log
+from celestcore.log import SensorLog
+from celestcore.navigator import StarGyroNavigator, StarGyroState
+from celestcore.samples import sample, sample_names, sample_path
+from celestcore.sensors import Gyro, StarCamera, VectorSensor
+from celestcore.solution import Solution, StateAt
+from celestcore.units import *  # noqa: F403 - plain floats, listed in units.__all__
+
+__all__ = [
+    "EKF",
+    "SRUKF",
+    "UKF",
+    "CelestcoreError",
+    "CelestcoreWarning",
+    "Gyro",
+    "InputError",
+    "LogFormatError",
+    "MissingDependencyError",
+    "NumericalError",
+    "SensorLog",
+    "Settings",
+    "Solution",
+    "StarCamera",
+    "StarGyroNavigator",
+    "StarGyroState",
+    "StateAt",
+    "VectorSensor",
+    "__version__",
+    "analysis",
+    "quaternion",
+    "read_log",
+    "sample",
+    "sample_names",
+    "sample_path",
+    "write_log",
+]

@@ -1,0 +1,246 @@
+"""The commands as typer sees them, and what they print. Imported by `cli` when typer is there."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from celestcore import cli
+from celestcore._files import check_output, replacing
+from celestcore.errors import InputError
+from celestcore.solution import package_version
+from celestcore.summary import headline, spell_time
+from celestcore.units import ARCSEC, DEG_PER_HOUR
+
+app = typer.Typer(
+    name="celestcore",
+    help="Attitude of spacecraft from gyros and star cameras.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+Log = Annotated[
+    Optional[Path],  # noqa: UP045 - typer on Python 3.10 needs it
+    typer.Argument(metavar="LOG", help="Log: a directory of Parquet tables, an .npz or a .csv."),
+]
+Sample = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--sample", metavar="NAME", help="A log that celestcore ships, e.g. fermi."),
+]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"celestcore {package_version()}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command(
+    epilog="Example: celestcore replay --sample fermi -o fermi.parquet --report fermi.html"
+)
+def replay(
+    log: Log = None,
+    sample: Sample = None,
+    kind: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--filter", metavar="ekf|ukf|srukf", help="Filter; the log's, or ekf."),
+    ] = None,
+    config: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--config", metavar="FILE.toml", help="Settings that win over the log's."),
+    ] = None,
+    gate: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--gate", metavar="P", help="Reject fixes outside this probability, e.g. 0.9999."
+        ),
+    ] = None,
+    period: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option("--period", metavar="S", help="Output period in s; every gyro sample."),
+    ] = None,
+    withhold: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--withhold",
+            metavar="S",
+            help="Also hide the fixes for windows of S seconds, and tell the drift.",
+        ),
+    ] = None,
+    output: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--output", "-o", metavar="OUT.parquet", help="Write the solution."),
+    ] = None,
+    report: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--report", metavar="OUT.html|.png", help="Write a report with pictures."),
+    ] = None,
+    json_file: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--json", metavar="FILE", help="Write the summary; - for standard output."),
+    ] = None,
+) -> None:
+    """Estimate attitude and gyro bias over a whole log."""
+    request = cli.Replay(
+        log, sample, kind, config, gate, period, withhold, output, report, json_file
+    )
+    request.check()
+    sensors, settings = request.load()
+    with _progress() as advance:
+        solution, result, drift = request.run(sensors, settings, advance)
+    words = cli.describe_settings(settings)
+    request.write(solution, result, drift=drift, settings=words, command=shlex.join(_command()))
+    console = Console(stderr=json_file == cli.STDOUT, highlight=False, markup=False)
+    _show_replay(console, result)
+    for name, path in request.written():
+        console.print(f"{name}: {path}", soft_wrap=True)
+
+
+@app.command(epilog="Example: celestcore info --sample fermi")
+def info(
+    log: Log = None,
+    sample: Sample = None,
+    json_file: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--json", metavar="FILE", help="Write it as JSON; - for standard output."),
+    ] = None,
+) -> None:
+    """Say what a log holds."""
+    target = None if json_file in (None, cli.STDOUT) else json_file
+    if target is not None and log is not None and check_output(target, "--json") == log.resolve():
+        raise InputError(f"would write into the input {log}", field="--json")
+    if target is not None:
+        check_output(target, "--json")
+    content = cli.describe_log(cli.load_log(log, sample))
+    text = json.dumps(content, indent=2, default=str) + "\n"
+    if json_file == cli.STDOUT:
+        sys.stdout.write(text)
+        return
+    if target is not None:
+        with replacing(target) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    _show_info(Console(highlight=False), content)
+
+
+def _command() -> list[str]:
+    return ["celestcore", *sys.argv[1:]]
+
+
+@contextmanager
+def _progress() -> Iterator[cli.Progress | None]:
+    """Give a callback that draws a bar on standard error, if that is a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    columns = (TextColumn("replaying"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    bar = Progress(*columns, console=console, transient=True)
+    task = bar.add_task("replay", total=None)
+
+    def advance(done: int, total: int) -> None:
+        bar.start()  # short work never gets here, and shows no bar
+        bar.update(task, completed=done, total=total)
+
+    try:
+        yield advance
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+
+
+def _show_replay(console: Console, result: dict[str, Any]) -> None:
+    """Print a headline and a table of the summary."""
+    counts, inn, final = result["counts"], result["innovation"], result["final"]
+    console.print(result["log"] or "untitled log", style="bold")
+    console.print(headline(result))
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold")
+    table.add_column(justify="right")
+    rows = [
+        ("filter", result["filter"]),
+        ("time covered", spell_time(result["span_s"])),
+        ("gyro samples", f"{counts['samples']:,}"),
+        ("fixes used", f"{counts['accepted']:,} of {counts['fixes']:,}"),
+        ("missing / outside / gyro gaps", _triple(counts)),
+        ("innovation rms, body x y z [arcsec]", _numbers(inn["rms_arcsec"])),
+        ("NIS per degree of freedom (ideal 1)", _numbers([inn["nis_per_dof"]])),
+    ]
+    if final:
+        sigma = final["sigma"]
+        rows += [
+            ("final gyro bias, x y z [deg/h]", _numbers(final["bias"], DEG_PER_HOUR)),
+            ("  its 1 sigma", _numbers(sigma[3:], DEG_PER_HOUR)),
+            ("final attitude 1 sigma, x y z [arcsec]", _numbers(sigma[:3], ARCSEC)),
+        ]
+    if result["samples_per_second"]:
+        rows.append(("speed [gyro samples/s]", f"{result['samples_per_second']:,.0f}"))
+    withheld = result.get("withheld")
+    if withheld:
+        for name, key in (("with bias", "drift"), ("plain integration", "without_bias")):
+            values = [withheld[f"{key}_{q}_arcsec"] for q in ("median", "95", "max")]
+            rows.append((f"drift, {name}, median 95 % max [arcsec]", _numbers(values)))
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+
+
+def _triple(counts: dict[str, int]) -> str:
+    return f"{counts['missing']:,} / {counts['outside']:,} / {counts['gaps']:,}"
+
+
+def _numbers(values: list[Any], unit: float = 1.0) -> str:
+    return "  ".join(
+        f"{value / unit:.4g}" if isinstance(value, int | float) else str(value or "n/a")
+        for value in values
+    )
+
+
+def _show_info(console: Console, content: dict[str, Any]) -> None:
+    """Print a log's tables and settings."""
+    console.print(content["title"] or "untitled log", style="bold")
+    console.print(f"start (t = 0): {content['epoch'] or 'not given'}")
+    console.print(f"length: {spell_time(content['span_s'])}")
+    for name, frame in content["frames"].items():
+        console.print(f"{name} frame: {frame}")
+    table = Table("table", box=None, pad_edge=False, header_style="bold")
+    for heading in ("rows", "missing", "from [s]", "to [s]", "step [s]", "longest step [s]"):
+        table.add_column(heading, justify="right")
+    for name, row in content["tables"].items():
+        table.add_row(
+            name,
+            f"{row['rows']:,}",
+            f"{row['missing']:,}",
+            *(
+                "n/a" if row[key] is None else f"{row[key]:.10g}"
+                for key in ("t_first", "t_last", "step_median_s", "step_max_s")
+            ),
+        )
+    console.print(table)
+    for section, values in content["settings"].items():
+        if section not in ("log", "frames"):
+            words = ", ".join(f"{key} = {value}" for key, value in values.items())
+            console.print(f"{section}: {words}", soft_wrap=True)

@@ -1,0 +1,316 @@
+"""The command line: ``celestcore replay``, ``celestcore info``.
+
+This module needs numpy only; the commands themselves (typer, rich) are in `_commands`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import warnings
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+
+from celestcore._files import check_output, replacing
+from celestcore._optional import require
+from celestcore.errors import CelestcoreError, CelestcoreWarning, InputError
+from celestcore.summary import summary
+from celestcore.units import ARCSEC, DEG_PER_HOUR_PER_SQRT_HOUR, DEG_PER_SQRT_HOUR
+
+if TYPE_CHECKING:
+    from celestcore.analysis import WithheldDrift
+    from celestcore.config import Settings
+    from celestcore.log import SensorLog
+    from celestcore.solution import Solution
+
+STDOUT = "-"
+INTERRUPTED = 130
+Progress = Callable[[int, int], None]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line and return its exit code: 0, 2 for an error, 130 for Ctrl-C.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Without the program's name; those of the process by default.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", CelestcoreWarning)
+        warnings.showwarning = _show_warning
+        try:
+            for package in ("typer", "rich"):
+                require(package, extra="cli", what="the command line")
+            code = _app()(args=arguments, prog_name="celestcore", standalone_mode=False)
+            return _interrupted() if code == INTERRUPTED else int(code or 0)
+        except CelestcoreError as error:
+            return _fail(str(error))
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
+        except OSError as error:
+            return _fail(f"{error.filename or ''}: {error.strerror or error}".lstrip(": "))
+        except KeyboardInterrupt:
+            return _interrupted()
+        except Exception as error:
+            return _usage_error(error)
+
+
+def _app() -> Any:
+    """Return the typer application as a click command."""
+    import typer
+
+    from celestcore._commands import app
+
+    return typer.main.get_command(app)
+
+
+def _usage_error(error: Exception) -> int:
+    """Report a wrong option in one line; raise again what is a bug in celestcore."""
+    if type(error).__name__ == "Abort":
+        return _interrupted()
+    describe = getattr(error, "format_message", None)
+    if describe is None:
+        raise error
+    context = getattr(error, "ctx", None)
+    path = getattr(context, "command_path", "celestcore")
+    return _fail(f"{str(describe()).rstrip('.')} (see '{path} --help')")
+
+
+def _interrupted() -> int:
+    return _fail("interrupted: nothing was written", INTERRUPTED)
+
+
+def _fail(message: str, code: int = 2) -> int:
+    print("error: " + " ".join(message.split()), file=sys.stderr)
+    return code
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    if issubclass(category, CelestcoreWarning):
+        print(f"warning: {message}", file=sys.stderr)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What ``celestcore replay`` was asked for; `check` before `run`, `write` at the end."""
+
+    log: Path | None = None
+    sample: str | None = None
+    filter: str | None = None
+    config: Path | None = None
+    gate: float | None = None
+    period: float | None = None
+    withhold: float | None = None
+    output: Path | None = None
+    report: Path | None = None
+    json: str | None = None
+
+    def check(self) -> None:
+        """Refuse what cannot be written, before anything is computed.
+
+        Raises
+        ------
+        InputError
+            If a directory does not exist, an ending is unknown, or files would overwrite
+            each other or the log.
+        MissingDependencyError
+            If a package that an output needs is not installed.
+        """
+        targets: dict[Path, str] = {}
+        for option, path in self._outputs():
+            target = check_output(path, option)
+            if target in targets:
+                raise InputError(f"is the same file as {targets[target]}: {path}", field=option)
+            targets[target] = option
+            self._check_not_input(target, option)
+        if self.output is not None:
+            if self.output.suffix.lower() != ".parquet":
+                raise InputError(f"must end in .parquet, not {self.output}", field="--output")
+            require("pyarrow.parquet", extra="parquet", what="writing Parquet")
+        if self.report is not None:
+            from celestcore.report import kind
+
+            kind(self.report)
+            require("matplotlib.figure", extra="plot", what="the report")
+
+    def _outputs(self) -> list[tuple[str, Path]]:
+        named = (
+            ("--output", self.output),
+            ("--report", self.report),
+            ("--json", None if self.json in (None, STDOUT) else Path(str(self.json))),
+        )
+        return [(option, path) for option, path in named if path is not None]
+
+    def _check_not_input(self, target: Path, option: str) -> None:
+        for source in (self.log, self.config):
+            if source is None:
+                continue
+            real = Path(os.path.realpath(source))
+            if target == real or (real.is_dir() and real == target.parent):
+                raise InputError(f"would write into the input {source}", field=option)
+
+    def load(self) -> tuple[SensorLog, Settings]:
+        """Read the log and its settings; --config wins over them, options win over both."""
+        from celestcore.config import Settings
+
+        log = load_log(self.log, self.sample)
+        if log.gyro is None:
+            holds = ", ".join(log.tables)
+            raise InputError(f"this log has no gyro to replay; it holds {holds}", field="gyro")
+        settings = Settings.from_log(log)
+        if self.config is not None:
+            settings = settings.merged(Settings.from_toml(self.config))
+        options: dict[str, Any] = {}
+        if self.filter is not None:
+            options["filter"] = {"kind": self.filter}
+        if self.gate is not None:
+            options["gate"] = {"probability": self.gate}
+        return log, settings.merged(options)
+
+    def run(
+        self, log: SensorLog, settings: Settings, progress: Progress | None = None
+    ) -> tuple[Solution, dict[str, Any], WithheldDrift | None]:
+        """Run the filter, and the withheld-window test if asked; return what they found."""
+        navigator, sigma0 = settings.navigator(), settings.sigma0()
+        solution = navigator.run(log, sigma0=sigma0, period=self.period, progress=progress)
+        drift = None
+        if self.withhold is not None:
+            from celestcore.analysis import withheld_drift
+
+            drift = withheld_drift(navigator, log, window=self.withhold)
+        withheld: dict[str, Any] | None = drift.summary() if drift is not None else None
+        return solution, summary(solution, log, withheld=withheld), drift
+
+    def write(
+        self,
+        solution: Solution,
+        result: dict[str, Any],
+        *,
+        drift: WithheldDrift | None = None,
+        settings: dict[str, str],
+        command: str,
+    ) -> None:
+        """Write all files beside their places first, then rename them: all or none appear."""
+        with ExitStack() as stack:
+            ready = {name: stack.enter_context(replacing(p)) for name, p in self._outputs()}
+            if "--output" in ready:
+                solution.to_parquet(ready["--output"])
+            if "--report" in ready:
+                from celestcore.report import write_report
+
+                write_report(
+                    ready["--report"],
+                    solution,
+                    result,
+                    drift=drift,
+                    settings=settings,
+                    command=command,
+                )
+            text = json.dumps(result, indent=2, allow_nan=False) + "\n"
+            if "--json" in ready:
+                ready["--json"].write_text(text, encoding="utf-8")
+        if self.json == STDOUT:
+            sys.stdout.write(text)
+
+    def written(self) -> list[tuple[str, Path]]:
+        """Return what each file holds, and its name."""
+        names = {"--output": "solution", "--report": "report", "--json": "summary"}
+        return [(names[option], path) for option, path in self._outputs()]
+
+
+def load_log(log: Path | None, sample: str | None) -> SensorLog:
+    """Read a log by path, or one that celestcore ships by name.
+
+    Raises
+    ------
+    InputError
+        If both or neither are given, or the sample is unknown.
+    """
+    if (log is None) == (sample is None):
+        raise InputError("give either a LOG or --sample NAME (for example --sample fermi)")
+    if sample is not None:
+        from celestcore.samples import sample as load_sample
+
+        return load_sample(sample)
+    from celestcore.io import read_log
+
+    assert log is not None
+    return read_log(log)
+
+
+def describe_log(log: SensorLog) -> dict[str, Any]:
+    """Return what a log holds, ready for JSON; what ``celestcore info --json`` writes.
+
+    Parameters
+    ----------
+    log : SensorLog
+
+    Returns
+    -------
+    dict
+        title, epoch, frames, span_s, settings, and for each table rows, missing, t_first,
+        t_last, and the median and largest step in s (None with fewer than two rows).
+    """
+    tables: dict[str, Any] = {}
+    for name, table in log.tables.items():
+        steps = np.diff(table.t)
+        tables[name] = {
+            "rows": len(table),
+            "missing": table.missing,
+            "t_first": float(table.t[0]) if len(table) else None,
+            "t_last": float(table.t[-1]) if len(table) else None,
+            "step_median_s": float(np.median(steps)) if len(steps) else None,
+            "step_max_s": float(np.max(steps)) if len(steps) else None,
+        }
+    first, last = log.span
+    return {
+        "title": log.title,
+        "epoch": log.epoch,
+        "frames": log.frames,
+        "span_s": last - first,
+        "settings": log.settings,
+        "tables": tables,
+    }
+
+
+def describe_settings(settings: Settings) -> dict[str, str]:
+    """Return the noise and the gate of a run in words, for tables."""
+    gyro = settings.gyro()
+    out = {
+        "Gyro noise": f"angle random walk {gyro.arw / ARCSEC:.3g} arcsec/√s "
+        f"({gyro.arw / DEG_PER_SQRT_HOUR:.3g} deg/√h), rate random walk "
+        f"{gyro.rrw / DEG_PER_HOUR_PER_SQRT_HOUR:.3g} deg/h/√h"
+    }
+    for name, camera in settings.stars().items():
+        out[f"Noise of {name}"] = _sigma_words(camera.sigma)
+    for name, sensor in settings.vectors().items():
+        out[f"Noise of vector_{name}"] = _sigma_words(sensor.sigma)
+    gate = settings.gate()
+    out["Gate"] = (
+        "none: every fix is used"
+        if gate is None
+        else f"rejects fixes outside {100.0 * gate:.6g} % of the chi-square law"
+    )
+    return out
+
+
+def _sigma_words(sigma: Any) -> str:
+    if sigma is None:
+        return "as given with each fix"
+    values = np.atleast_1d(np.asarray(sigma, dtype=float)) / ARCSEC
+    return f"{' / '.join(f'{value:.3g}' for value in values)} arcsec (1 sigma)"

@@ -1,0 +1,380 @@
+"""What a navigator's `run` returns: columns of arrays, indexed by time."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celestcore._files import replacing
+from celestcore._optional import require
+from celestcore.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Columns = dict[str, NDArray[Any]]
+
+UNITS = {"t": "s", "q": "1", "w": "rad/s", "b": "rad/s", "s_a": "rad", "s_b": "rad/s"}
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_SIGMA = ("s_ax", "s_ay", "s_az", "s_bx", "s_by", "s_bz")
+
+
+@dataclass(frozen=True, eq=False)
+class StateAt:
+    """The solution at one time, or at several: what `Solution.at` returns.
+
+    For one time every leading axis is absent: ``q`` is (4,), ``rate`` (3,) and so on.
+
+    Attributes
+    ----------
+    t : array, (...)
+        Time in s since the epoch.
+    q : array, (..., 4)
+        Attitude ``q_ib``, body to inertial, scalar first.
+    rate : array, (..., 3)
+        Body rate, bias removed, rad/s, body frame.
+    bias : array, (..., 3)
+        Gyro bias, rad/s, body frame.
+    sigma : array, (..., 6)
+        One-sigma errors: attitude x, y, z (rad), bias x, y, z (rad/s), body frame.
+    covariance : array, (..., 6, 6), or None
+        Covariance in the order of `sigma`.
+    """
+
+    t: Array
+    q: Array
+    rate: Array
+    bias: Array
+    sigma: Array
+    covariance: Array | None = None
+
+    def as_rotation(self) -> Any:
+        """Return the attitude as a `scipy.spatial.transform.Rotation` (body to inertial)."""
+        return _rotation(self.q)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Attitude and gyro bias over a log.
+
+    The error state, and so `sigma` and `covariance`, has the order attitude error x, y, z
+    (body-frame rotation vector, rad), gyro bias x, y, z (rad/s).
+
+    Attributes
+    ----------
+    t : array, (n,)
+        Output times, s since `epoch`.
+    q : array, (n, 4)
+        Attitude ``q_ib`` (body to inertial), scalar first, without sign jumps.
+    rate, bias : array, (n, 3)
+        Body rate with the bias removed, and gyro bias, rad/s, body frame.
+    sigma : array, (n, 6)
+        One-sigma errors, rad and rad/s.
+    measurement_t : array, (m,)
+        Times of the measurements, s.
+    sensor : array of int, (m,)
+        Which sensor: an index into `sensor_names`.
+    nis : array, (m,)
+        Normalised innovation squared.
+    dof : array of int, (m,)
+        Degrees of freedom of the innovation: 3 for a star camera, 2 for a direction.
+    accepted : array of bool, (m,)
+        Whether the gate let the measurement through.
+    innovation, innovation_sigma : array, (m, 3)
+        Innovation and its predicted one-sigma error, rad; with 2 dof the third entry is NaN.
+    gaps : array, (k, 2)
+        Start and end of the gyro gaps, s.
+    counts : dict of str to int
+        samples, fixes, accepted, rejected, missing, outside (fixes beyond the gyro's time
+        span) and gaps.
+    covariance : array, (n, 6, 6), or None
+        Full covariance, when it was asked for.
+    epoch : str or None
+        ISO epoch of ``t = 0``.
+    title, filter : str
+        What was run, and with which filter.
+    elapsed_s : float
+        Time the core took, s.
+    final : dict
+        State at the end of the log: t, q, bias, sigma, covariance.
+    frames : dict of str to str
+        Names of the inertial and the body frame.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> q = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
+    >>> none = np.zeros(0)
+    >>> sol = Solution(t=np.arange(3.0), q=q, rate=np.zeros((3, 3)), bias=np.zeros((3, 3)),
+    ...                sigma=np.ones((3, 6)), measurement_t=none, sensor=none, nis=none,
+    ...                dof=none, accepted=none, innovation=np.zeros((0, 3)),
+    ...                innovation_sigma=np.zeros((0, 3)), gaps=np.zeros((0, 2)), counts={})
+    >>> len(sol), len(sol[0.5:])
+    (3, 2)
+    """
+
+    t: Array
+    q: Array
+    rate: Array
+    bias: Array
+    sigma: Array
+    measurement_t: Array
+    sensor: NDArray[np.integer[Any]]
+    nis: Array
+    dof: NDArray[np.integer[Any]]
+    accepted: NDArray[np.bool_]
+    innovation: Array
+    innovation_sigma: Array
+    gaps: Array
+    counts: dict[str, int]
+    sensor_names: list[str] = field(default_factory=list)
+    covariance: Array | None = None
+    epoch: str | None = None
+    title: str | None = None
+    filter: str = ""
+    elapsed_s: float = 0.0
+    final: dict[str, Any] = field(default_factory=dict)
+    frames: dict[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __repr__(self) -> str:
+        span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "empty"
+        name = f"{self.title!r}, " if self.title else ""
+        return (
+            f"Solution({name}{self.filter or 'filter unknown'}, {len(self)} rows, {span}, "
+            f"{len(self.measurement_t)} measurements)"
+        )
+
+    def __getitem__(self, when: Any) -> Any:
+        """Return the state at a time (or times), or the solution between two times.
+
+        ``sol[120.0]`` is ``sol.at(120.0)``; ``sol[60.0:120.0]`` keeps the rows and the
+        measurements with 60 <= t < 120, as a `Solution`.
+        """
+        return self._between(when) if isinstance(when, slice) else self.at(when)
+
+    def at(self, t: ArrayLike) -> StateAt:
+        """Interpolate the solution: slerp for the attitude, straight lines for the rest.
+
+        Parameters
+        ----------
+        t : float or array_like, (...)
+            Times within the solution's span, s since the epoch.
+
+        Returns
+        -------
+        StateAt
+
+        Raises
+        ------
+        InputError
+            If a time is not finite or lies outside the solution.
+        """
+        from celestcore import quaternion
+
+        when = np.asarray(t, dtype=np.float64)
+        low, part = self._bracket(when)
+        high = np.minimum(low + 1, len(self) - 1)
+
+        def line(column: Array) -> Array:
+            w = part.reshape(part.shape + (1,) * (column.ndim - 1))
+            return np.asarray((1.0 - w) * column[low] + w * column[high])
+
+        return StateAt(
+            t=when.copy(),
+            q=np.asarray(quaternion.slerp(self.q[low], self.q[high], part)),
+            rate=line(self.rate),
+            bias=line(self.bias),
+            sigma=line(self.sigma),
+            covariance=None if self.covariance is None else line(self.covariance),
+        )
+
+    def as_rotation(self) -> Any:
+        """Return the attitude as a `scipy.spatial.transform.Rotation` (body to inertial)."""
+        return _rotation(self.q)
+
+    def columns(self) -> Columns:
+        """Return the solution as flat columns, named as in a Parquet file.
+
+        ``t``; ``qw qx qy qz``; ``wx wy wz`` (rate); ``bx by bz`` (bias); ``s_ax .. s_bz``
+        (sigma); and, if the covariance was kept, its upper triangle ``p_11 p_12 .. p_66``.
+        """
+        out: Columns = {"t": self.t}
+        out.update(_split(self.q, _QUATERNION))
+        out.update(_split(self.rate, ("wx", "wy", "wz")))
+        out.update(_split(self.bias, ("bx", "by", "bz")))
+        out.update(_split(self.sigma, _SIGMA))
+        if self.covariance is not None:
+            for i, j in zip(*np.triu_indices(6), strict=True):
+                out[f"p_{i + 1}{j + 1}"] = np.ascontiguousarray(self.covariance[:, i, j])
+        return out
+
+    def measurement_columns(self) -> Columns:
+        """Return the measurements as flat columns: t, sensor, nis, dof, accepted, ..."""
+        names = np.asarray([*self.sensor_names, ""], dtype=object)
+        known = np.where(self.sensor < len(self.sensor_names), self.sensor, -1).astype(int)
+        out: Columns = {
+            "t": self.measurement_t,
+            "sensor": names[known],
+            "nis": self.nis,
+            "dof": self.dof,
+            "accepted": self.accepted,
+        }
+        out.update(_split(self.innovation, ("ix", "iy", "iz")))
+        out.update(_split(self.innovation_sigma, ("s_ix", "s_iy", "s_iz")))
+        return out
+
+    def to_dataframe(self, *, measurements: bool = False) -> Any:
+        """Return a `pandas.DataFrame` of `columns` (or of `measurement_columns`).
+
+        Raises
+        ------
+        MissingDependencyError
+            If pandas is not installed.
+        """
+        pandas = require("pandas", extra="pandas", what="to_dataframe")
+        columns = self.measurement_columns() if measurements else self.columns()
+        frame = pandas.DataFrame({name: np.array(col) for name, col in columns.items()})
+        frame.attrs.update(self.metadata())
+        return frame
+
+    def to_parquet(
+        self, path: str | os.PathLike[str], *, measurements: str | os.PathLike[str] | None = None
+    ) -> None:
+        """Write the rows to a Parquet file, and the measurements to another if asked.
+
+        Each file is written beside its place and then renamed: nobody sees half a file.
+
+        Parameters
+        ----------
+        path : path
+            The solution's rows, `columns`.
+        measurements : path, optional
+            The measurements, `measurement_columns`.
+
+        Raises
+        ------
+        InputError
+            If the directory does not exist.
+        MissingDependencyError
+            If pyarrow is not installed.
+        """
+        arrow = require("pyarrow", extra="parquet", what="writing Parquet")
+        parquet = require("pyarrow.parquet", extra="parquet", what="writing Parquet")
+        note = {b"celestcore": json.dumps(self.metadata()).encode()}
+        todo = [(path, self.columns())]
+        if measurements is not None:
+            todo.append((measurements, self.measurement_columns()))
+        for target, columns in todo:
+            with replacing(target) as temporary:
+                table = arrow.table(columns).replace_schema_metadata(note)
+                parquet.write_table(table, temporary, compression="zstd")
+
+    def metadata(self) -> dict[str, Any]:
+        """Return what a reader of the bare columns must know: epoch, frames, units, version."""
+        return {
+            "version": package_version(),
+            "title": self.title,
+            "filter": self.filter,
+            "epoch": self.epoch,
+            "frames": {"inertial": "GCRS", "body": "body", **self.frames},
+            "units": UNITS,
+            "quaternion": "q_ib, body to inertial, Hamilton, scalar first",
+        }
+
+    def plot(self, panels: tuple[str, ...] | None = None, *, width: float = 11.0) -> Figure:
+        """Draw the solution; see `celestcore.plot.figure`."""
+        from celestcore import plot
+
+        return plot.figure(self, plot.PANELS if panels is None else panels, width=width)
+
+    def _bracket(self, when: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return the row before each time and the fraction of the way to the next row."""
+        if len(self) == 0:
+            raise InputError("the solution is empty: there is nothing to interpolate", field="t")
+        first, last = float(self.t[0]), float(self.t[-1])
+        bad = ~((when >= first) & (when <= last))
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            value = float(when.reshape(-1)[row])
+            raise InputError(
+                f"outside the solution, which spans {first:.10g} to {last:.10g} s",
+                field="t",
+                row=row,
+                value=value,
+            )
+        low = np.clip(np.searchsorted(self.t, when, side="right") - 1, 0, max(len(self) - 2, 0))
+        step = self.t[np.minimum(low + 1, len(self) - 1)] - self.t[low]
+        part = (when - self.t[low]) / np.where(step > 0.0, step, 1.0)
+        return low, np.asarray(part, dtype=np.float64)
+
+    def _between(self, when: slice) -> Solution:
+        """Return the rows, measurements and gaps in a half-open span of time, as copies."""
+        if when.step is not None:
+            raise InputError("slice a solution as sol[start:stop], without a step", field="step")
+        start = -np.inf if when.start is None else float(when.start)
+        stop = np.inf if when.stop is None else float(when.stop)
+        rows = slice(*np.searchsorted(self.t, [start, stop], side="left"))
+        fixes = slice(*np.searchsorted(self.measurement_t, [start, stop], side="left"))
+        gaps = self.gaps[(self.gaps[:, 1] > start) & (self.gaps[:, 0] < stop)]
+        parts: dict[str, Any] = {
+            name: getattr(self, name)[rows].copy() for name in ("t", "q", "rate", "bias", "sigma")
+        }
+        per_fix = ("measurement_t", "sensor", "nis", "dof", "accepted", "innovation")
+        parts.update(
+            {name: getattr(self, name)[fixes].copy() for name in (*per_fix, "innovation_sigma")}
+        )
+        if self.covariance is not None:
+            parts["covariance"] = self.covariance[rows].copy()
+        counts = _counts(len(parts["t"]), parts["accepted"], len(gaps))
+        final = _final(parts) if len(parts["t"]) else {}
+        return dataclasses.replace(self, **parts, gaps=gaps, counts=counts, final=final)
+
+
+def _counts(samples: int, accepted: NDArray[np.bool_], gaps: int) -> dict[str, int]:
+    """Return the counts that can be told from a part of a solution."""
+    used = int(np.count_nonzero(accepted))
+    return {
+        "samples": samples,
+        "fixes": len(accepted),
+        "accepted": used,
+        "rejected": len(accepted) - used,
+        "gaps": gaps,
+    }
+
+
+def _final(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the state in the last row of some columns."""
+    covariance = parts.get("covariance")
+    out = {name: parts[name][-1].copy() for name in ("q", "bias", "sigma")}
+    return {
+        "t": float(parts["t"][-1]),
+        **out,
+        "covariance": None if covariance is None else covariance[-1].copy(),
+    }
+
+
+def _split(array: Array, names: tuple[str, ...]) -> Columns:
+    return {name: np.ascontiguousarray(array[:, k]) for k, name in enumerate(names)}
+
+
+def _rotation(q: Array) -> Any:
+    transform = require("scipy.spatial.transform", extra="scipy", what="as_rotation")
+    return transform.Rotation.from_quat(np.roll(q, -1, axis=-1))
+
+
+def package_version() -> str:
+    """Return the version of the package."""
+    from celestcore import __version__
+
+    return __version__

@@ -1,0 +1,17 @@
+//! Attitude from a gyro and star cameras or direction sensors.
+
+mod gyro;
+mod run;
+mod sensors;
+mod series;
+mod start;
+mod state;
+mod stream;
+
+pub use gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming, Sampling};
+pub use run::{AnyFilter, Columns, Measured, Options, Solution, run};
+pub use sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
+pub use series::{AttitudeSensor, AttitudeSensors, DirectionSeries, GyroSeries, StarSeries};
+pub use start::first_fix;
+pub use state::{Attitude, AttitudeBias, UnitQuaternion, Vector3, is_unit};
+pub use stream::{Snapshot, Stream};

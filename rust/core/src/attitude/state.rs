@@ -1,0 +1,112 @@
+//! Attitude and gyro bias.
+
+use crate::linalg::{Matrix, Vector, block, congruence, from_fn, identity, mul};
+use crate::manifold::{Family, Manifold};
+use crate::quaternion::{self, Quaternion, right_jacobian};
+use crate::scalar::{Mask, Real};
+
+/// Attitude `q_ib` (body to inertial) and gyro bias in the body frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Attitude<T> {
+    /// Unit quaternion, scalar first, body to inertial.
+    pub q: Quaternion<T>,
+    /// Gyro bias, rad/s.
+    pub bias: [T; 3],
+}
+
+/// The space of [`Attitude`]. Error state: `(δθ_x, δθ_y, δθ_z, δb_x, δb_y, δb_z)` in rad and rad/s, with
+/// `q = q̂ ⊗ exp(δθ/2)`, `b = b̂ + δb`.
+pub struct AttitudeBias;
+
+impl Family for AttitudeBias {
+    type Of<T: Real> = Attitude<T>;
+    #[inline(always)]
+    fn zip<A: Real, B: Real, C: Real>(
+        a: &Attitude<A>,
+        b: &Attitude<B>,
+        mut f: impl FnMut(A, B) -> C,
+    ) -> Attitude<C> {
+        Attitude { q: UnitQuaternion::zip(&a.q, &b.q, &mut f), bias: Vector3::zip(&a.bias, &b.bias, &mut f) }
+    }
+}
+
+impl Manifold<6> for AttitudeBias {
+    #[inline(always)]
+    fn retract<T: Real>(x: &Attitude<T>, d: &Vector<T, 6>) -> Attitude<T> {
+        let turn = quaternion::exp(&[d[0], d[1], d[2]]);
+        Attitude {
+            q: quaternion::multiply(&x.q, &turn),
+            bias: [x.bias[0] + d[3], x.bias[1] + d[4], x.bias[2] + d[5]],
+        }
+    }
+    #[inline(always)]
+    fn local<T: Real>(x: &Attitude<T>, y: &Attitude<T>) -> Vector<T, 6> {
+        let turn = quaternion::difference(&x.q, &y.q);
+        [turn[0], turn[1], turn[2], y.bias[0] - x.bias[0], y.bias[1] - x.bias[1], y.bias[2] - x.bias[2]]
+    }
+    #[inline(always)]
+    fn normalise<T: Real>(x: &Attitude<T>) -> Attitude<T> {
+        Attitude { q: quaternion::renormalise(&x.q), bias: x.bias }
+    }
+    #[inline(always)]
+    fn reset<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>) -> Matrix<T, 6, 6> {
+        let turn = right_jacobian(&[d[0], d[1], d[2]]);
+        let mut j = identity();
+        for r in 0..3 {
+            for c in 0..3 {
+                j[(r, c)] = turn[(r, c)];
+            }
+        }
+        j
+    }
+    #[inline(always)]
+    fn transport<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>, p: &Matrix<T, 6, 6>) -> Matrix<T, 6, 6> {
+        let turn = right_jacobian(&[d[0], d[1], d[2]]);
+        let attitude = congruence(&turn, &block(p, 0, 0));
+        let cross: Matrix<T, 3, 3> = mul(&turn, &block::<T, 6, 6, 3, 3>(p, 0, 3));
+        from_fn(|i, j| match (i < 3, j < 3) {
+            (true, true) => attitude[(i, j)],
+            (true, false) => cross[(i, j - 3)],
+            (false, true) => cross[(j, i - 3)],
+            (false, false) => p[(i, j)],
+        })
+    }
+    #[inline(always)]
+    fn transport_factor<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>, l: &Matrix<T, 6, 6>) -> Matrix<T, 6, 6> {
+        let turn = right_jacobian(&[d[0], d[1], d[2]]);
+        let top: Matrix<T, 3, 6> = mul(&turn, &block::<T, 6, 6, 3, 6>(l, 0, 0));
+        from_fn(|i, j| if i < 3 { top[(i, j)] } else { l[(i, j)] })
+    }
+}
+
+/// Unit quaternions as measured values.
+pub struct UnitQuaternion;
+
+impl Family for UnitQuaternion {
+    type Of<T: Real> = Quaternion<T>;
+    #[inline(always)]
+    fn zip<A: Real, B: Real, C: Real>(
+        a: &Quaternion<A>,
+        b: &Quaternion<B>,
+        mut f: impl FnMut(A, B) -> C,
+    ) -> Quaternion<C> {
+        [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2]), f(a[3], b[3])]
+    }
+}
+
+/// Vectors of three components as inputs and measured values.
+pub struct Vector3;
+
+impl Family for Vector3 {
+    type Of<T: Real> = [T; 3];
+    #[inline(always)]
+    fn zip<A: Real, B: Real, C: Real>(a: &[A; 3], b: &[B; 3], mut f: impl FnMut(A, B) -> C) -> [C; 3] {
+        [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
+    }
+}
+
+/// True in the lanes where the quaternion has unit length to `tolerance`.
+pub fn is_unit<T: Real>(q: &Quaternion<T>, tolerance: f64) -> T::Mask {
+    let n2 = quaternion::norm_squared(q);
+    n2.gt(T::splat((1.0 - tolerance) * (1.0 - tolerance))).and(T::splat((1.0 + tolerance) * (1.0 + tolerance)).gt(n2))
+}

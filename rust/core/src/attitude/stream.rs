@@ -1,0 +1,250 @@
+//! The same filters, one sample at a time.
+
+use super::gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming};
+use super::run::AnyFilter;
+use super::sensors::Reference;
+use super::series::{gates, update_direction, update_star};
+use super::state::{Attitude, AttitudeBias};
+use crate::belief::{Belief, Gaussian, SqrtGaussian};
+use crate::error::{Error, Result};
+use crate::filter::{Ekf, Filter, SrUkf, Ukf};
+use crate::linalg::Matrix;
+use crate::manifold::Family;
+use crate::replay::{MAX_DOF, Report};
+use crate::scalar::{Level, Real, Run};
+
+/// A filter that runs, with its belief.
+#[derive(Clone, Copy)]
+enum Running {
+    Ekf(Ekf, Gaussian<AttitudeBias, f64, 6>),
+    Ukf(Ukf, Gaussian<AttitudeBias, f64, 6>),
+    SrUkf(SrUkf, SqrtGaussian<AttitudeBias, f64, 6>),
+}
+
+/// Attitude filter for use inside another program: `predict` with each gyro sample, `update` with each
+/// measurement, in order of time. Gives what a replay of the same samples gives.
+#[derive(Clone)]
+pub struct Stream {
+    running: Running,
+    model: GyroModel,
+    timing: GyroTiming,
+    gates: [f64; MAX_DOF],
+    level: Level,
+    t: f64,
+    /// The latest gyro sample and its time.
+    last: Option<(f64, [f64; 3])>,
+    steps: usize,
+}
+
+/// What a [`Stream`] carries from step to step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Snapshot {
+    /// Time of the state, s.
+    pub t: f64,
+    /// The state.
+    pub mean: Attitude<f64>,
+    /// Covariance of its error, or the square root that a square-root filter carries.
+    pub matrix: Matrix<f64, 6, 6>,
+    /// The latest gyro sample and its time.
+    pub last: Option<(f64, [f64; 3])>,
+    /// Steps made.
+    pub steps: usize,
+}
+
+impl Stream {
+    /// Starts at time `t` from a state and the covariance of its error.
+    ///
+    /// # Errors
+    /// A covariance that is not positive definite, a gate outside (0, 1].
+    pub fn new(
+        filter: AnyFilter,
+        model: GyroModel,
+        timing: GyroTiming,
+        gate: f64,
+        t: f64,
+        mean: Attitude<f64>,
+        covariance: &Matrix<f64, 6, 6>,
+    ) -> Result<Self> {
+        let (running, ok) = match filter {
+            AnyFilter::Ekf(f) => {
+                let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, covariance);
+                (Running::Ekf(f, b), ok)
+            }
+            AnyFilter::Ukf(f) => {
+                let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, covariance);
+                (Running::Ukf(f, b), ok)
+            }
+            AnyFilter::SrUkf(f) => {
+                let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, covariance);
+                (Running::SrUkf(f, b), ok)
+            }
+        };
+        if !ok {
+            return Err(Error::NotPositiveDefinite { what: "initial covariance", step: 0, t });
+        }
+        Ok(Self { running, model, timing, gates: gates(gate)?, level: Level::best(), t, last: None, steps: 0 })
+    }
+
+    /// Everything that changes as the filter runs; with [`Self::restore`] it goes on to the same bits.
+    pub fn snapshot(&self) -> Snapshot {
+        let (mean, matrix) = match &self.running {
+            Running::Ekf(_, b) | Running::Ukf(_, b) => (b.mean, b.cov),
+            Running::SrUkf(_, b) => (b.mean, b.factor),
+        };
+        Snapshot { t: self.t, mean, matrix, last: self.last, steps: self.steps }
+    }
+
+    /// Goes on from a snapshot of a stream of the same filter.
+    pub fn restore(&mut self, from: &Snapshot) {
+        match &mut self.running {
+            Running::Ekf(_, b) | Running::Ukf(_, b) => *b = Gaussian { mean: from.mean, cov: from.matrix },
+            Running::SrUkf(_, b) => *b = SqrtGaussian { mean: from.mean, factor: from.matrix },
+        }
+        (self.t, self.last, self.steps) = (from.t, from.last, from.steps);
+    }
+
+    /// Time of the state, s.
+    pub fn time(&self) -> f64 {
+        self.t
+    }
+
+    /// State and covariance of its error.
+    pub fn state(&self) -> (Attitude<f64>, Matrix<f64, 6, 6>) {
+        match &self.running {
+            Running::Ekf(_, b) | Running::Ukf(_, b) => (b.mean, b.cov),
+            Running::SrUkf(_, b) => (b.mean, b.covariance()),
+        }
+    }
+
+    /// Moves to time `t` with the gyro sample `rate` taken then (body frame, rad/s).
+    ///
+    /// # Errors
+    /// A time before the state's, a result that is not positive definite; the state is as it was.
+    pub fn predict(&mut self, t: f64, rate: &[f64; 3]) -> Result<()> {
+        self.in_order("predict", t)?;
+        let input = match &self.last {
+            Some((before, old)) => self.timing.between(old, rate, t - before),
+            // the first sample is all there is to know of the time before it
+            None => GyroInput { rate: *rate, extra: 0.0 },
+        };
+        self.advance(t, &input)?;
+        self.last = Some((t, *rate));
+        Ok(())
+    }
+
+    /// Corrects by a star fix at time `t`: `q_ib` and the covariance of its error in the body frame.
+    ///
+    /// # Errors
+    /// See [`Self::predict`]; also a fix after the state's time before there was any gyro sample.
+    pub fn update_star(&mut self, t: f64, q: &[f64; 4], noise: &[f64; 6]) -> Result<Report> {
+        self.update(t, Fix::Star(q, noise))
+    }
+
+    /// Corrects by a direction at time `t`: a unit vector in the body frame.
+    ///
+    /// # Errors
+    /// See [`Self::update_star`].
+    pub fn update_direction(&mut self, t: f64, body: &[f64; 3], reference: &Reference<f64>) -> Result<Report> {
+        self.update(t, Fix::Direction(body, reference))
+    }
+
+    fn update(&mut self, t: f64, fix: Fix<'_>) -> Result<Report> {
+        self.in_order("update", t)?;
+        let before = (self.running, self.t);
+        if t > self.t {
+            let (since, rate) = self.last.ok_or(Error::Parameter {
+                field: "t",
+                value: t,
+                need: "lies after the state's time, and no gyro sample has told the rate yet; call predict first",
+            })?;
+            let input = self.timing.between(&rate, &rate, t - since);
+            self.advance(t, &input)?;
+        }
+        let report = self.apply(&Step::Update(fix, &self.gates));
+        match report {
+            Some((running, report)) => {
+                self.running = running;
+                Ok(report)
+            }
+            None => {
+                (self.running, self.t) = before;
+                Err(Error::NotPositiveDefinite { what: "covariance in the update", step: self.steps, t })
+            }
+        }
+    }
+
+    fn in_order(&self, field: &'static str, t: f64) -> Result<()> {
+        if t >= self.t { Ok(()) } else { Err(Error::OutOfOrder { field, t, now: self.t }) }
+    }
+
+    fn advance(&mut self, t: f64, input: &GyroInput<f64>) -> Result<()> {
+        if t > self.t {
+            let (running, _) = self
+                .apply(&Step::Predict(&self.model, input, self.t, t - self.t))
+                .ok_or(Error::NotPositiveDefinite { what: "predicted covariance", step: self.steps, t })?;
+            self.running = running;
+            self.t = t;
+            self.steps += 1;
+        }
+        Ok(())
+    }
+
+    fn apply(&self, step: &Step<'_>) -> Option<(Running, Report)> {
+        match &self.running {
+            Running::Ekf(f, b) => self.level.run(Job(f, b, step)).map(|(b, r)| (Running::Ekf(*f, b), r)),
+            Running::Ukf(f, b) => self.level.run(Job(f, b, step)).map(|(b, r)| (Running::Ukf(*f, b), r)),
+            Running::SrUkf(f, b) => self.level.run(Job(f, b, step)).map(|(b, r)| (Running::SrUkf(*f, b), r)),
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Fix<'a> {
+    Star(&'a [f64; 4], &'a [f64; 6]),
+    Direction(&'a [f64; 3], &'a Reference<f64>),
+}
+
+enum Step<'a> {
+    Predict(&'a GyroModel, &'a GyroInput<f64>, f64, f64),
+    Update(Fix<'a>, &'a [f64; MAX_DOF]),
+}
+
+const NOTHING: Report = Report {
+    ok: true,
+    accepted: true,
+    dof: 0,
+    nis: 0.0,
+    innovation: [f64::NAN; MAX_DOF],
+    covariance: [[f64::NAN; MAX_DOF]; MAX_DOF],
+};
+
+#[inline(always)]
+fn step<F: Filter, T: Real<Mask = bool>>(
+    filter: &F,
+    belief: &mut F::Belief<AttitudeBias, T, 6>,
+    step: &Step<'_>,
+) -> Option<Report> {
+    let report = match step {
+        Step::Predict(model, input, t, dt) => {
+            let u = GyroInputs::map(*input, T::splat);
+            let ok = filter.predict(belief, *model, &u, T::splat(*t), T::splat(*dt));
+            Report { ok, ..NOTHING }
+        }
+        Step::Update(Fix::Star(q, noise), gates) => update_star(filter, belief, q, noise, gates),
+        Step::Update(Fix::Direction(body, reference), gates) => update_direction(filter, belief, body, reference, gates),
+    };
+    report.ok.then_some(report)
+}
+
+/// One step of one filter, at any instruction set.
+struct Job<'a, F: Filter>(&'a F, &'a F::Belief<AttitudeBias, f64, 6>, &'a Step<'a>);
+
+impl<F: Filter> Run for Job<'_, F> {
+    type Output = Option<(F::Belief<AttitudeBias, f64, 6>, Report)>;
+    #[inline(always)]
+    fn run<T: Real<Mask = bool>>(self) -> Self::Output {
+        let mut belief = F::cast::<AttitudeBias, f64, T, 6>(self.1);
+        let report = step(self.0, &mut belief, self.2)?;
+        Some((F::cast::<AttitudeBias, T, f64, 6>(&belief), report))
+    }
+}

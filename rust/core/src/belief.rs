@@ -1,0 +1,165 @@
+//! What a filter knows, and what an update reports.
+
+use crate::linalg::{Matrix, Vector, cholesky, mul_t, symmetric, zeros};
+use crate::manifold::{Family, Manifold, select_matrix};
+use crate::scalar::{Mask, Real};
+
+/// A state and its uncertainty.
+pub trait Belief<S: Manifold<N>, T: Real, const N: usize>: Copy {
+    /// From a state and the covariance of its error; false where that is not positive definite.
+    fn new(mean: S::Of<T>, covariance: &Matrix<T, N, N>) -> (Self, T::Mask);
+    /// The state.
+    fn mean(&self) -> &S::Of<T>;
+    /// Covariance of the error state.
+    fn covariance(&self) -> Matrix<T, N, N>;
+    /// Diagonal of the covariance.
+    fn variance(&self) -> Vector<T, N>;
+    /// `yes` where the mask is true, `no` elsewhere.
+    fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self;
+    /// True where state and covariance are finite and every variance is positive.
+    #[inline(always)]
+    fn healthy(&self) -> T::Mask {
+        let nothing = S::finite(self.mean());
+        let mut ok = T::Mask::TRUE;
+        for v in self.variance() {
+            // infinity times zero is not a number, and no comparison with that is true
+            ok = ok.and((v + v.mul_add(T::zero(), nothing)).gt(T::zero()));
+        }
+        ok
+    }
+}
+
+/// A state and the covariance of its error.
+pub struct Gaussian<S: Family, T: Real, const N: usize> {
+    /// The state.
+    pub mean: S::Of<T>,
+    /// Covariance of the error state.
+    pub cov: Matrix<T, N, N>,
+}
+
+/// A state and a square root of the covariance of its error: `P = L Lᵀ`.
+pub struct SqrtGaussian<S: Family, T: Real, const N: usize> {
+    /// The state.
+    pub mean: S::Of<T>,
+    /// A square root of the covariance, not necessarily triangular.
+    pub factor: Matrix<T, N, N>,
+}
+
+macro_rules! copy {
+    ($($name:ident),*) => {$(
+        impl<S: Family, T: Real, const N: usize> Clone for $name<S, T, N> {
+            #[inline(always)]
+            fn clone(&self) -> Self {
+                *self
+            }
+        }
+        impl<S: Family, T: Real, const N: usize> Copy for $name<S, T, N> {}
+    )*};
+}
+copy!(Gaussian, SqrtGaussian);
+
+impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for Gaussian<S, T, N> {
+    #[inline(always)]
+    fn new(mean: S::Of<T>, covariance: &Matrix<T, N, N>) -> (Self, T::Mask) {
+        let (_, ok) = cholesky(covariance);
+        (Self { mean, cov: *covariance }, ok)
+    }
+    #[inline(always)]
+    fn mean(&self) -> &S::Of<T> {
+        &self.mean
+    }
+    #[inline(always)]
+    fn covariance(&self) -> Matrix<T, N, N> {
+        self.cov
+    }
+    #[inline(always)]
+    fn variance(&self) -> Vector<T, N> {
+        let mut v = [T::zero(); N];
+        for i in 0..N {
+            v[i] = self.cov[(i, i)];
+        }
+        v
+    }
+    #[inline(always)]
+    fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self {
+        if mask.all() {
+            return *yes;
+        }
+        Self { mean: S::select::<T>(mask, &yes.mean, &no.mean), cov: select_matrix::<T, N, N>(mask, &yes.cov, &no.cov) }
+    }
+}
+
+impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for SqrtGaussian<S, T, N> {
+    #[inline(always)]
+    fn new(mean: S::Of<T>, covariance: &Matrix<T, N, N>) -> (Self, T::Mask) {
+        let (factor, ok) = cholesky(covariance);
+        (Self { mean, factor }, ok)
+    }
+    #[inline(always)]
+    fn mean(&self) -> &S::Of<T> {
+        &self.mean
+    }
+    #[inline(always)]
+    fn covariance(&self) -> Matrix<T, N, N> {
+        let p = mul_t(&self.factor, &self.factor);
+        symmetric(|i, j| p[(i, j)])
+    }
+    #[inline(always)]
+    fn variance(&self) -> Vector<T, N> {
+        let mut v = [T::zero(); N];
+        for i in 0..N {
+            for k in 0..N {
+                v[i] = self.factor[(i, k)].mul_add(self.factor[(i, k)], v[i]);
+            }
+        }
+        v
+    }
+    #[inline(always)]
+    fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self {
+        if mask.all() {
+            return *yes;
+        }
+        Self {
+            mean: S::select::<T>(mask, &yes.mean, &no.mean),
+            factor: select_matrix::<T, N, N>(mask, &yes.factor, &no.factor),
+        }
+    }
+}
+
+/// What an update reports, per lane.
+#[derive(Clone, Copy, Debug)]
+pub struct Outcome<T: Real, const M: usize> {
+    /// False: the innovation covariance was not positive definite, or the result not finite; the
+    /// belief is as it was.
+    pub ok: T::Mask,
+    /// False: the measurement lay outside the gate, or `ok` is false; the belief is as it was.
+    pub accepted: T::Mask,
+    /// Measured minus predicted.
+    pub innovation: Vector<T, M>,
+    /// Covariance of the innovation.
+    pub covariance: Matrix<T, M, M>,
+    /// Normalised innovation squared, chi-square with `M` degrees of freedom.
+    pub nis: T,
+}
+
+impl<T: Real, const M: usize> Outcome<T, M> {
+    /// Standard deviation of each component of the innovation.
+    #[inline(always)]
+    pub fn sigma(&self) -> Vector<T, M> {
+        let mut s = [T::zero(); M];
+        for i in 0..M {
+            s[i] = self.covariance[(i, i)].sqrt();
+        }
+        s
+    }
+}
+
+/// A matrix of zeros but for the given diagonal.
+#[inline(always)]
+pub fn diagonal<T: Real, const N: usize>(d: &Vector<T, N>) -> Matrix<T, N, N> {
+    let mut m = zeros();
+    for i in 0..N {
+        m[(i, i)] = d[i];
+    }
+    m
+}

@@ -1,0 +1,79 @@
+//! Extended Kalman filter on a manifold: for an attitude, the multiplicative EKF.
+
+use super::{Filter, cast};
+use crate::belief::{Belief, Gaussian, Outcome};
+use crate::linalg::{add, apply, dot, forward_solve, from_fn, mul, solve_right, symmetric};
+use crate::manifold::Manifold;
+use crate::model::{Dynamics, Given, Input, Measurement, Value};
+use crate::scalar::{Mask, Real};
+
+/// Extended Kalman filter: first-order propagation of the error-state covariance, Joseph's form in
+/// the update, and the reset of the error state carried into the covariance.
+///
+/// Sources: Lefferts, Markley, Shuster, *Kalman filtering for spacecraft attitude estimation*, 1982;
+/// Markley, *Attitude error representations for Kalman filtering*, 2003.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Ekf;
+
+impl Filter for Ekf {
+    type Belief<S: Manifold<N>, T: Real, const N: usize> = Gaussian<S, T, N>;
+
+    #[inline(always)]
+    fn cast<S: Manifold<N>, A: Real, B: Real, const N: usize>(belief: &Gaussian<S, A, N>) -> Gaussian<S, B, N> {
+        Gaussian { mean: S::map(&belief.mean, cast), cov: from_fn(|i, j| cast(belief.cov[(i, j)])) }
+    }
+
+    #[inline(always)]
+    fn predict<D: Dynamics<N>, T: Real, const N: usize>(
+        &self,
+        belief: &mut Gaussian<D::Space, T, N>,
+        dynamics: &D,
+        u: &Input<D, T, N>,
+        t: T,
+        dt: T,
+    ) -> T::Mask {
+        let (mean, cov) = dynamics.propagate(&belief.mean, &belief.cov, u, t, dt);
+        let new = Gaussian { mean, cov };
+        let ok = new.healthy();
+        *belief = Belief::select(ok, &new, belief);
+        ok
+    }
+
+    #[inline(always)]
+    fn update<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(
+        &self,
+        belief: &mut Gaussian<H::Space, T, N>,
+        sensor: &H,
+        given: &Given<H, T, N, M>,
+        z: &Value<H, T, N, M>,
+        gate: T,
+    ) -> Outcome<T, M> {
+        let x = &belief.mean;
+        let p = &belief.cov;
+        let h = sensor.jacobian(x, given);
+        let noise = sensor.noise(given);
+        let innovation = sensor.residual(z, &sensor.predict(x, given));
+
+        let pht = sensor.project::<T, N>(&h, p);
+        let covariance = add(&sensor.project::<T, M>(&h, &from_fn(|i, j| pht[(j, i)])), &noise);
+        let (root, gain, factored) = solve_right(&pht, &covariance);
+        let whitened = forward_solve(&root, &innovation);
+        let nis = dot::<T, M>(|i| whitened[i], |i| whitened[i]);
+
+        // Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, one factor at a time
+        let left = from_fn::<T, N, N>(|i, j| p[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| pht[(j, m)]));
+        let lht = sensor.project::<T, N>(&h, &left);
+        let kr = mul(&gain, &noise);
+        let joseph = symmetric(|i, j| left[(i, j)] - dot::<T, M>(|m| lht[(i, m)] - kr[(i, m)], |m| gain[(j, m)]));
+
+        let step = apply(&gain, &innovation);
+        let new = Gaussian {
+            mean: H::Space::normalise(&H::Space::retract(x, &step)),
+            cov: H::Space::transport(x, &step, &joseph),
+        };
+        let ok = factored.and(new.healthy());
+        let accepted = ok.and(gate.gt(nis));
+        *belief = Belief::select(accepted, &new, belief);
+        Outcome { ok, accepted, innovation, covariance, nis }
+    }
+}

@@ -1,0 +1,218 @@
+//! Matrices of fixed size (nalgebra's storage) and the few kernels the filters need, over any
+//! [`Real`].
+
+use crate::scalar::{Mask, Real};
+
+/// Matrix of `R` rows and `C` columns, column-major.
+pub type Matrix<T, const R: usize, const C: usize> = nalgebra::SMatrix<T, R, C>;
+/// Vector of `N` components.
+pub type Vector<T, const N: usize> = [T; N];
+
+/// Matrix of zeros.
+#[inline(always)]
+pub fn zeros<T: Real, const R: usize, const C: usize>() -> Matrix<T, R, C> {
+    Matrix::from_array_storage(nalgebra::ArrayStorage([[T::zero(); R]; C]))
+}
+
+/// Matrix from its entries.
+#[inline(always)]
+pub fn from_fn<T: Real, const R: usize, const C: usize>(mut entry: impl FnMut(usize, usize) -> T) -> Matrix<T, R, C> {
+    let mut m = zeros();
+    for j in 0..C {
+        for i in 0..R {
+            m[(i, j)] = entry(i, j);
+        }
+    }
+    m
+}
+
+/// Symmetric matrix from its lower triangle.
+#[inline(always)]
+pub fn symmetric<T: Real, const N: usize>(mut entry: impl FnMut(usize, usize) -> T) -> Matrix<T, N, N> {
+    let mut m = zeros();
+    for i in 0..N {
+        for j in 0..=i {
+            let e = entry(i, j);
+            m[(i, j)] = e;
+            m[(j, i)] = e;
+        }
+    }
+    m
+}
+
+/// Identity.
+#[inline(always)]
+pub fn identity<T: Real, const N: usize>() -> Matrix<T, N, N> {
+    from_fn(|i, j| if i == j { T::one() } else { T::zero() })
+}
+
+/// `sum_k a(k) b(k)` for `k` in `0..K`.
+#[inline(always)]
+pub fn dot<T: Real, const K: usize>(a: impl Fn(usize) -> T, b: impl Fn(usize) -> T) -> T {
+    let mut s = a(0) * b(0);
+    for k in 1..K {
+        s = a(k).mul_add(b(k), s);
+    }
+    s
+}
+
+/// `a b`
+#[inline(always)]
+pub fn mul<T: Real, const R: usize, const K: usize, const C: usize>(
+    a: &Matrix<T, R, K>,
+    b: &Matrix<T, K, C>,
+) -> Matrix<T, R, C> {
+    from_fn(|i, j| dot::<T, K>(|k| a[(i, k)], |k| b[(k, j)]))
+}
+
+/// `a bᵀ`
+#[inline(always)]
+pub fn mul_t<T: Real, const R: usize, const K: usize, const C: usize>(
+    a: &Matrix<T, R, K>,
+    b: &Matrix<T, C, K>,
+) -> Matrix<T, R, C> {
+    from_fn(|i, j| dot::<T, K>(|k| a[(i, k)], |k| b[(j, k)]))
+}
+
+/// `a b aᵀ` for symmetric `b`.
+#[inline(always)]
+pub fn congruence<T: Real, const R: usize, const K: usize>(a: &Matrix<T, R, K>, b: &Matrix<T, K, K>) -> Matrix<T, R, R> {
+    let ab = mul(a, b);
+    symmetric(|i, j| dot::<T, K>(|k| ab[(i, k)], |k| a[(j, k)]))
+}
+
+/// `a + b`
+#[inline(always)]
+pub fn add<T: Real, const R: usize, const C: usize>(a: &Matrix<T, R, C>, b: &Matrix<T, R, C>) -> Matrix<T, R, C> {
+    from_fn(|i, j| a[(i, j)] + b[(i, j)])
+}
+
+/// `a x`
+#[inline(always)]
+pub fn apply<T: Real, const R: usize, const C: usize>(a: &Matrix<T, R, C>, x: &Vector<T, C>) -> Vector<T, R> {
+    let mut y = [T::zero(); R];
+    for i in 0..R {
+        y[i] = dot::<T, C>(|k| a[(i, k)], |k| x[k]);
+    }
+    y
+}
+
+/// The block of `R` by `C` whose first entry is `(i0, j0)`.
+#[inline(always)]
+pub fn block<T: Real, const N: usize, const M: usize, const R: usize, const C: usize>(
+    p: &Matrix<T, N, M>,
+    i0: usize,
+    j0: usize,
+) -> Matrix<T, R, C> {
+    from_fn(|i, j| p[(i0 + i, j0 + j)])
+}
+
+/// `[v]×`, the matrix with `[v]× u = v × u`.
+#[inline(always)]
+pub fn skew<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
+    let mut m = zeros();
+    m[(0, 1)] = -v[2];
+    m[(0, 2)] = v[1];
+    m[(1, 0)] = v[2];
+    m[(1, 2)] = -v[0];
+    m[(2, 0)] = -v[1];
+    m[(2, 1)] = v[0];
+    m
+}
+
+/// Lower Cholesky factor, and in which lanes it exists. A failed pivot is replaced by one, so that a
+/// bad lane stays finite and does not disturb the others.
+#[inline(always)]
+pub fn cholesky<T: Real, const N: usize>(p: &Matrix<T, N, N>) -> (Matrix<T, N, N>, T::Mask) {
+    let mut l = zeros::<T, N, N>();
+    let mut ok = T::Mask::TRUE;
+    for j in 0..N {
+        let mut d = p[(j, j)];
+        for k in 0..j {
+            d = (-l[(j, k)]).mul_add(l[(j, k)], d);
+        }
+        let good = d.gt(T::zero());
+        ok = ok.and(good);
+        let d = T::select(good, d, T::one()).sqrt();
+        l[(j, j)] = d;
+        let inverse = d.recip();
+        for i in j + 1..N {
+            let mut t = p[(i, j)];
+            for k in 0..j {
+                t = (-l[(i, k)]).mul_add(l[(j, k)], t);
+            }
+            l[(i, j)] = t * inverse;
+        }
+    }
+    (l, ok)
+}
+
+/// Lower Cholesky factor of a positive *semi*definite matrix: a pivot that is zero to rounding gives a
+/// column of zeros. For noise that does not reach every state.
+#[inline(always)]
+pub fn cholesky_semidefinite<T: Real, const N: usize>(p: &Matrix<T, N, N>) -> Matrix<T, N, N> {
+    let mut l = zeros::<T, N, N>();
+    for j in 0..N {
+        let mut d = p[(j, j)];
+        for k in 0..j {
+            d = (-l[(j, k)]).mul_add(l[(j, k)], d);
+        }
+        let good = d.gt(p[(j, j)] * (N as f64 * f64::EPSILON));
+        let root = T::select(good, d, T::one()).sqrt();
+        let inverse = T::select(good, root.recip(), T::zero());
+        l[(j, j)] = T::select(good, root, T::zero());
+        for i in j + 1..N {
+            let mut t = p[(i, j)];
+            for k in 0..j {
+                t = (-l[(i, k)]).mul_add(l[(j, k)], t);
+            }
+            l[(i, j)] = t * inverse;
+        }
+    }
+    l
+}
+
+/// `l⁻¹ b` for lower-triangular `l`.
+#[inline(always)]
+pub fn forward_solve<T: Real, const M: usize>(l: &Matrix<T, M, M>, b: &Vector<T, M>) -> Vector<T, M> {
+    let mut y = *b;
+    for i in 0..M {
+        for k in 0..i {
+            y[i] = (-l[(i, k)]).mul_add(y[k], y[i]);
+        }
+        y[i] = y[i] / l[(i, i)];
+    }
+    y
+}
+
+/// `b s⁻¹` and `s⁻¹` through the Cholesky factor of `s`: the gain of a filter, solved for each row.
+/// Returns the factor, the solution, and in which lanes the factor exists.
+#[inline(always)]
+pub fn solve_right<T: Real, const N: usize, const M: usize>(
+    b: &Matrix<T, N, M>,
+    s: &Matrix<T, M, M>,
+) -> (Matrix<T, M, M>, Matrix<T, N, M>, T::Mask) {
+    let (l, ok) = cholesky(s);
+    let mut inverse = [T::zero(); M];
+    for i in 0..M {
+        inverse[i] = l[(i, i)].recip();
+    }
+    let mut x = *b;
+    for n in 0..N {
+        for i in 0..M {
+            let mut t = x[(n, i)];
+            for k in 0..i {
+                t = (-l[(i, k)]).mul_add(x[(n, k)], t);
+            }
+            x[(n, i)] = t * inverse[i];
+        }
+        for i in (0..M).rev() {
+            let mut t = x[(n, i)];
+            for k in i + 1..M {
+                t = (-l[(k, i)]).mul_add(x[(n, k)], t);
+            }
+            x[(n, i)] = t * inverse[i];
+        }
+    }
+    (l, x, ok)
+}

@@ -1,0 +1,392 @@
+//! Unit quaternions: Hamilton's product, scalar first `(w, x, y, z)`.
+//!
+//! `q_ab` takes `b` components to `a` components, `v_a = q_ab ⊗ v_b ⊗ q_ab*`; a rotation vector is in
+//! radians and acts on the right, `q ⊗ exp(δθ/2)`. Formulas: Solà, *Quaternion kinematics for the
+//! error-state Kalman filter*, 2017 (arXiv:1711.02508), equation numbers below.
+
+use crate::linalg::{Matrix, Vector, from_fn, skew, zeros};
+use crate::scalar::{Mask, Real};
+
+/// A quaternion `(w, x, y, z)`.
+pub type Quaternion<T> = [T; 4];
+
+/// No rotation.
+#[inline(always)]
+pub fn unit<T: Real>() -> Quaternion<T> {
+    [T::one(), T::zero(), T::zero(), T::zero()]
+}
+
+/// Product `a ⊗ b` (Solà eq. 12).
+#[inline(always)]
+pub fn multiply<T: Real>(a: &Quaternion<T>, b: &Quaternion<T>) -> Quaternion<T> {
+    [
+        (-a[3]).mul_add(b[3], (-a[2]).mul_add(b[2], (-a[1]).mul_add(b[1], a[0] * b[0]))),
+        (-a[3]).mul_add(b[2], a[2].mul_add(b[3], a[1].mul_add(b[0], a[0] * b[1]))),
+        a[3].mul_add(b[1], a[2].mul_add(b[0], (-a[1]).mul_add(b[3], a[0] * b[2]))),
+        a[3].mul_add(b[0], (-a[2]).mul_add(b[1], a[1].mul_add(b[2], a[0] * b[3]))),
+    ]
+}
+
+/// Product `a ⊗ (0, v)`.
+#[inline(always)]
+fn multiply_vector<T: Real>(a: &Quaternion<T>, v: &Vector<T, 3>) -> Quaternion<T> {
+    [
+        (-a[3]).mul_add(v[2], (-a[2]).mul_add(v[1], -(a[1] * v[0]))),
+        (-a[3]).mul_add(v[1], a[2].mul_add(v[2], a[0] * v[0])),
+        a[3].mul_add(v[0], (-a[1]).mul_add(v[2], a[0] * v[1])),
+        (-a[2]).mul_add(v[0], a[1].mul_add(v[1], a[0] * v[2])),
+    ]
+}
+
+/// Conjugate: the inverse rotation of a unit quaternion.
+#[inline(always)]
+pub fn conjugate<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
+    [q[0], -q[1], -q[2], -q[3]]
+}
+
+/// Squared norm.
+#[inline(always)]
+pub fn norm_squared<T: Real>(q: &Quaternion<T>) -> T {
+    q[0].mul_add(q[0], q[1].mul_add(q[1], q[2].mul_add(q[2], q[3] * q[3])))
+}
+
+/// The same direction at length one.
+#[inline(always)]
+pub fn normalise<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
+    let s = norm_squared(q).sqrt().recip();
+    q.map(|c| c * s)
+}
+
+/// Removes rounding drift from an almost-unit quaternion: one Newton step for `1/|q|`, without a
+/// square root or a division. The error of the norm is squared at each call.
+#[inline(always)]
+pub fn renormalise<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
+    let s = norm_squared(q).mul_add(T::splat(-0.5), T::splat(1.5));
+    q.map(|c| c * s)
+}
+
+/// Rotates a vector: `q ⊗ v ⊗ q*`.
+#[inline(always)]
+pub fn rotate<T: Real>(q: &Quaternion<T>, v: &Vector<T, 3>) -> Vector<T, 3> {
+    // v + 2 w (u × v) + 2 u × (u × v), u the vector part
+    let u = [q[1], q[2], q[3]];
+    let t = cross(&u, v).map(|c| c + c);
+    let s = cross(&u, &t);
+    [
+        q[0].mul_add(t[0], v[0] + s[0]),
+        q[0].mul_add(t[1], v[1] + s[1]),
+        q[0].mul_add(t[2], v[2] + s[2]),
+    ]
+}
+
+/// `a × b`
+#[inline(always)]
+pub fn cross<T: Real>(a: &Vector<T, 3>, b: &Vector<T, 3>) -> Vector<T, 3> {
+    [
+        a[1].mul_add(b[2], -(a[2] * b[1])),
+        a[2].mul_add(b[0], -(a[0] * b[2])),
+        a[0].mul_add(b[1], -(a[1] * b[0])),
+    ]
+}
+
+/// `a · b`
+#[inline(always)]
+pub fn dot3<T: Real>(a: &Vector<T, 3>, b: &Vector<T, 3>) -> T {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}
+
+/// Quaternion of a rotation vector (Solà eq. 101): a series to double precision while every lane is
+/// below half a radian, library functions beyond.
+#[inline(always)]
+pub fn exp<T: Real>(v: &Vector<T, 3>) -> Quaternion<T> {
+    const SINC: [f64; 6] = [-1.0 / 39_916_800.0, 1.0 / 362_880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0];
+    const COS: [f64; 7] =
+        [1.0 / 479_001_600.0, -1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0, -0.5, 1.0];
+    let h2 = dot3(v, v) * 0.25;
+    if !T::splat(0.0625).gt(h2).all() {
+        return exp_large(v);
+    }
+    let s = h2.poly(SINC) * 0.5;
+    [h2.poly(COS), s * v[0], s * v[1], s * v[2]]
+}
+
+#[cold]
+#[inline(never)]
+fn exp_large<T: Real>(v: &Vector<T, 3>) -> Quaternion<T> {
+    let angle = dot3(v, v).sqrt();
+    let s = angle.map(|a| if a < 1e-9 { 0.5 } else { (0.5 * a).sin() / a });
+    [angle.map(|a| (0.5 * a).cos()), s * v[0], s * v[1], s * v[2]]
+}
+
+/// Rotation vector of a unit quaternion, the shortest one (Solà eq. 105).
+#[inline(always)]
+pub fn log<T: Real>(q: &Quaternion<T>) -> Vector<T, 3> {
+    // 2 asin(s) / s in powers of s²
+    const ASINC: [f64; 8] = [
+        2.0 * 0.013_964_843_75,
+        2.0 * 0.017_352_764_423_076_924,
+        2.0 * 0.022_372_159_090_909_092,
+        2.0 * 0.030_381_944_444_444_444,
+        2.0 * 0.044_642_857_142_857_144,
+        2.0 * 0.075,
+        2.0 / 6.0,
+        2.0,
+    ];
+    let s2 = q[1].mul_add(q[1], q[2].mul_add(q[2], q[3] * q[3]));
+    if !T::splat(0.01).gt(s2).all() {
+        return log_large(q);
+    }
+    let k = s2.poly(ASINC).copysign(q[0]);
+    [k * q[1], k * q[2], k * q[3]]
+}
+
+#[cold]
+#[inline(never)]
+fn log_large<T: Real>(q: &Quaternion<T>) -> Vector<T, 3> {
+    let n = dot3(&[q[1], q[2], q[3]], &[q[1], q[2], q[3]]).sqrt();
+    let k = T::from_lanes(|i| {
+        let (n, w) = (n.lane(i), q[0].lane(i));
+        let k = if n < 1e-9 { 2.0 } else { 2.0 * n.atan2(w.abs()) / n };
+        k.copysign(w)
+    });
+    [k * q[1], k * q[2], k * q[3]]
+}
+
+/// Rotation vector that leads from `a` to `b` in the frame of the right-hand side: `log(a* ⊗ b)`.
+#[inline(always)]
+pub fn difference<T: Real>(a: &Quaternion<T>, b: &Quaternion<T>) -> Vector<T, 3> {
+    log(&multiply(&conjugate(a), b))
+}
+
+/// Angle of the rotation between two attitudes, in `[0, π]`.
+#[inline(always)]
+pub fn angle_between(a: &Quaternion<f64>, b: &Quaternion<f64>) -> f64 {
+    let d = multiply(&conjugate(a), b);
+    2.0 * dot3(&[d[1], d[2], d[3]], &[d[1], d[2], d[3]]).sqrt().atan2(d[0].abs())
+}
+
+/// Rotation matrix (Solà eq. 115): `v_a = R v_b`.
+#[inline(always)]
+pub fn to_matrix<T: Real>(q: &Quaternion<T>) -> Matrix<T, 3, 3> {
+    let [w, x, y, z] = *q;
+    let one = T::one();
+    let mut r = zeros();
+    r[(0, 0)] = one - (y * y + z * z) * 2.0;
+    r[(0, 1)] = (x * y - w * z) * 2.0;
+    r[(0, 2)] = (x * z + w * y) * 2.0;
+    r[(1, 0)] = (x * y + w * z) * 2.0;
+    r[(1, 1)] = one - (x * x + z * z) * 2.0;
+    r[(1, 2)] = (y * z - w * x) * 2.0;
+    r[(2, 0)] = (x * z - w * y) * 2.0;
+    r[(2, 1)] = (y * z + w * x) * 2.0;
+    r[(2, 2)] = one - (x * x + y * y) * 2.0;
+    r
+}
+
+/// Quaternion of a rotation matrix by Shepperd's method: the branch with the largest component, so
+/// that no square root is taken of a small difference. `w ≥ 0`.
+pub fn from_matrix(r: &Matrix<f64, 3, 3>) -> Quaternion<f64> {
+    let m = |i: usize, j: usize| r[(i, j)];
+    let trace = m(0, 0) + m(1, 1) + m(2, 2);
+    let largest = m(0, 0).max(m(1, 1)).max(m(2, 2)).max(trace);
+    let q = if largest == trace {
+        [1.0 + trace, m(2, 1) - m(1, 2), m(0, 2) - m(2, 0), m(1, 0) - m(0, 1)]
+    } else if largest == m(0, 0) {
+        [m(2, 1) - m(1, 2), 1.0 + m(0, 0) - m(1, 1) - m(2, 2), m(0, 1) + m(1, 0), m(0, 2) + m(2, 0)]
+    } else if largest == m(1, 1) {
+        [m(0, 2) - m(2, 0), m(0, 1) + m(1, 0), 1.0 - m(0, 0) + m(1, 1) - m(2, 2), m(1, 2) + m(2, 1)]
+    } else {
+        [m(1, 0) - m(0, 1), m(0, 2) + m(2, 0), m(1, 2) + m(2, 1), 1.0 - m(0, 0) - m(1, 1) + m(2, 2)]
+    };
+    let q = normalise(&q);
+    if q[0] < 0.0 { q.map(|c| -c) } else { q }
+}
+
+/// Spherical linear interpolation from `a` (`s = 0`) to `b` (`s = 1`) along the shorter arc.
+pub fn slerp(a: &Quaternion<f64>, b: &Quaternion<f64>, s: f64) -> Quaternion<f64> {
+    multiply(a, &exp(&difference(a, b).map(|c| c * s)))
+}
+
+/// The shortest rotation that takes direction `a` to direction `b`; half a turn about some
+/// perpendicular axis when they are opposite. Neither needs unit length.
+pub fn shortest_rotation(a: &Vector<f64, 3>, b: &Vector<f64, 3>) -> Quaternion<f64> {
+    let unit = |v: &Vector<f64, 3>| {
+        let n = dot3(v, v).sqrt();
+        v.map(|c| c / n)
+    };
+    let (a, b) = (unit(a), unit(b));
+    // through the half-way direction: accurate up to nearly opposite vectors
+    let sum = [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+    if dot3(&sum, &sum) < 1e-24 {
+        let [t, _] = tangents(&a);
+        return [0.0, t[0], t[1], t[2]];
+    }
+    let half = unit(&sum);
+    let axis = cross(&a, &half);
+    normalise(&[dot3(&a, &half), axis[0], axis[1], axis[2]])
+}
+
+/// Two unit vectors that make an orthonormal frame with the unit vector `n`, without a branch
+/// (Duff et al., *Building an orthonormal basis, revisited*, JCGT 6(1), 2017).
+#[inline(always)]
+pub fn tangents<T: Real>(n: &Vector<T, 3>) -> [Vector<T, 3>; 2] {
+    let sign = T::one().copysign(n[2]);
+    let a = -(sign + n[2]).recip();
+    let b = n[0] * n[1] * a;
+    [
+        [T::one() + sign * n[0] * n[0] * a, sign * b, -(sign * n[0])],
+        [b, sign + n[1] * n[1] * a, -n[1]],
+    ]
+}
+
+/// `(sin θ/θ-type)` coefficients of a rotation vector of squared length `θ²`:
+/// `[(1 − cos θ)/θ², (θ − sin θ)/θ³, (½ − (1 − cos θ)/θ²)/θ², (⅓ − 2 (θ − sin θ)/θ³)/θ²]`.
+#[inline(always)]
+pub(crate) fn angle_coefficients<T: Real>(theta2: T) -> [T; 4] {
+    const C1: [f64; 7] = [
+        1.0 / 87_178_291_200.0,
+        -1.0 / 479_001_600.0,
+        1.0 / 3_628_800.0,
+        -1.0 / 40_320.0,
+        1.0 / 720.0,
+        -1.0 / 24.0,
+        0.5,
+    ];
+    const C2: [f64; 7] = [
+        1.0 / 1_307_674_368_000.0,
+        -1.0 / 6_227_020_800.0,
+        1.0 / 39_916_800.0,
+        -1.0 / 362_880.0,
+        1.0 / 5040.0,
+        -1.0 / 120.0,
+        1.0 / 6.0,
+    ];
+    const C3: [f64; 6] = [
+        -1.0 / 87_178_291_200.0,
+        1.0 / 479_001_600.0,
+        -1.0 / 3_628_800.0,
+        1.0 / 40_320.0,
+        -1.0 / 720.0,
+        1.0 / 24.0,
+    ];
+    const C4: [f64; 6] = [
+        -2.0 / 1_307_674_368_000.0,
+        2.0 / 6_227_020_800.0,
+        -2.0 / 39_916_800.0,
+        2.0 / 362_880.0,
+        -2.0 / 5040.0,
+        2.0 / 120.0,
+    ];
+    if !T::splat(0.25).gt(theta2).all() {
+        return angle_coefficients_large(theta2);
+    }
+    [theta2.poly(C1), theta2.poly(C2), theta2.poly(C3), theta2.poly(C4)]
+}
+
+#[cold]
+#[inline(never)]
+fn angle_coefficients_large<T: Real>(theta2: T) -> [T; 4] {
+    let each = |f: fn(f64) -> f64, at_zero: f64| theta2.map(|t2| if t2 < 1e-4 { at_zero } else { f(t2) });
+    fn c1(t2: f64) -> f64 {
+        let s = (0.5 * t2.sqrt()).sin();
+        2.0 * s * s / t2
+    }
+    fn c2(t2: f64) -> f64 {
+        let t = t2.sqrt();
+        (t - t.sin()) / (t2 * t)
+    }
+    [
+        each(c1, 0.5),
+        each(c2, 1.0 / 6.0),
+        each(|t2| (0.5 - c1(t2)) / t2, 1.0 / 24.0),
+        each(|t2| (1.0 / 3.0 - 2.0 * c2(t2)) / t2, 1.0 / 60.0),
+    ]
+}
+
+/// Right Jacobian of the rotation group: `exp(v + d) ≈ exp(v) ⊗ exp(J d)` (Solà eq. 183).
+#[inline(always)]
+pub fn right_jacobian<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
+    let theta2 = dot3(v, v);
+    let [c1, c2, _, _] = angle_coefficients(theta2);
+    quadratic_in_skew(v, theta2, T::one(), -c1, c2)
+}
+
+/// Inverse of the right Jacobian (Solà eq. 184), for `|v| < 2π`.
+pub fn right_jacobian_inverse(v: &Vector<f64, 3>) -> Matrix<f64, 3, 3> {
+    let theta2 = dot3(v, v);
+    let k = if theta2 < 1e-2 {
+        theta2.poly([1.0 / 1_209_600.0, 1.0 / 30_240.0, 1.0 / 720.0, 1.0 / 12.0])
+    } else {
+        // 1/θ² − cot(θ/2) / (2θ), which stays finite at π
+        let t = theta2.sqrt();
+        (1.0 - 0.5 * t * (0.5 * t).cos() / (0.5 * t).sin()) / theta2
+    };
+    quadratic_in_skew(v, theta2, 1.0, 0.5, k)
+}
+
+/// `a I + b [v]× + c [v]×²`, with `[v]×² = v vᵀ − θ² I`.
+#[inline(always)]
+pub(crate) fn quadratic_in_skew<T: Real>(v: &Vector<T, 3>, theta2: T, a: T, b: T, c: T) -> Matrix<T, 3, 3> {
+    let s = skew(v);
+    let diagonal = a - c * theta2;
+    from_fn(|i, j| {
+        let outer = c * v[i] * v[j];
+        if i == j { diagonal + outer } else { b.mul_add(s[(i, j)], outer) }
+    })
+}
+
+/// Integrator of the attitude kinematics over one step of constant body rate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Integrator {
+    /// Closed form: `q ⊗ exp(ω dt)`, exact for a constant rate.
+    #[default]
+    Exponential,
+    /// Classical fourth-order Runge-Kutta on `dq/dt = ½ q ⊗ (0, ω)`, as in the papers.
+    Rk4,
+}
+
+/// One step of the kinematics `dq/dt = ½ q ⊗ (0, ω_b)` at constant body rate `rate` (rad/s).
+#[inline(always)]
+pub fn integrate<T: Real>(q: &Quaternion<T>, rate: &Vector<T, 3>, dt: T, integrator: Integrator) -> Quaternion<T> {
+    match integrator {
+        Integrator::Exponential => renormalise(&multiply(q, &exp(&rate.map(|w| w * dt)))),
+        Integrator::Rk4 => rk4(q, rate, dt),
+    }
+}
+
+#[inline(always)]
+fn rk4<T: Real>(q: &Quaternion<T>, rate: &Vector<T, 3>, dt: T) -> Quaternion<T> {
+    let half = rate.map(|w| w * 0.5);
+    let along = |k: &Quaternion<T>, h: T| {
+        let mut o = *q;
+        for c in 0..4 {
+            o[c] = k[c].mul_add(h, q[c]);
+        }
+        o
+    };
+    let k1 = multiply_vector(q, &half);
+    let k2 = multiply_vector(&along(&k1, dt * 0.5), &half);
+    let k3 = multiply_vector(&along(&k2, dt * 0.5), &half);
+    let k4 = multiply_vector(&along(&k3, dt), &half);
+    let mut k = k1;
+    for c in 0..4 {
+        k[c] = k1[c] + (k2[c] + k3[c]) * 2.0 + k4[c];
+    }
+    normalise(&along(&k, dt * (1.0 / 6.0)))
+}
+
+/// Attitude history under a sequence of body rates: row `k` of the result is the attitude after the
+/// first `k` rates, each held for its step; row 0 is `q0`.
+///
+/// `dt` is one step for all rates, or one for each. `out` has one row more than `rates`.
+pub fn propagate(q0: &Quaternion<f64>, rates: &[[f64; 3]], dt: &[f64], integrator: Integrator, out: &mut [[f64; 4]]) {
+    let mut q = normalise(q0);
+    if let Some(first) = out.first_mut() {
+        *first = q;
+    }
+    for (k, (rate, row)) in rates.iter().zip(out.iter_mut().skip(1)).enumerate() {
+        let step = if dt.len() == 1 { dt[0] } else { dt[k] };
+        q = integrate(&q, rate, step, integrator);
+        *row = q;
+    }
+}

@@ -1,0 +1,58 @@
+//! The one place that knows about instruction sets, and the one place with `unsafe`: a generic run
+//! is instantiated inside functions compiled for different instruction sets, and the choice between
+//! them is made at run time, once per run.
+#![allow(unsafe_code)]
+
+use super::{Fused, Real};
+
+/// Instruction set that a run is compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// The baseline of the target: runs everywhere, no fused multiply-add.
+    Portable,
+    /// x86-64 with AVX2 and FMA.
+    Avx2,
+}
+
+/// A computation that is generic over its scalar. Its body must be `#[inline(always)]` all the way
+/// down, or the inner functions are compiled for the baseline.
+pub trait Run {
+    /// What it computes.
+    type Output;
+    /// Runs it on one scalar type.
+    fn run<T: Real<Mask = bool>>(self) -> Self::Output;
+}
+
+impl Level {
+    /// The widest level this processor has.
+    pub fn best() -> Self {
+        if Self::Avx2.available() { Self::Avx2 } else { Self::Portable }
+    }
+
+    /// Whether this processor has the level.
+    pub fn available(self) -> bool {
+        match self {
+            Self::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx2 => false,
+        }
+    }
+
+    /// Runs `job` at this level, or at the baseline where the processor does not have it.
+    pub fn run<R: Run>(self, job: R) -> R::Output {
+        #[cfg(target_arch = "x86_64")]
+        if self == Self::Avx2 && self.available() {
+            // SAFETY: the processor has the features, checked in the line above.
+            return unsafe { avx2(job) };
+        }
+        job.run::<f64>()
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn avx2<R: Run>(job: R) -> R::Output {
+    job.run::<Fused>()
+}

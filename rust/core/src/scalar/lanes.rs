@@ -1,0 +1,188 @@
+//! Eight lanes as a plain array: each operation is one loop over the lanes, which the compiler turns
+//! into vector instructions of whatever instruction set the calling function is compiled for.
+
+use super::{Mask, Real, mul_add};
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+/// All-ones or all-zeros per lane, so that a select is three bit operations on any processor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(align(64))]
+pub struct Mask8(pub [u64; 8]);
+
+impl Mask for Mask8 {
+    const TRUE: Self = Mask8([!0; 8]);
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        let mut o = self;
+        for i in 0..8 {
+            o.0[i] &= other.0[i];
+        }
+        o
+    }
+    #[inline(always)]
+    fn all(self) -> bool {
+        let mut o = !0;
+        for i in 0..8 {
+            o &= self.0[i];
+        }
+        o == !0
+    }
+    #[inline(always)]
+    fn any(self) -> bool {
+        let mut o = 0;
+        for i in 0..8 {
+            o |= self.0[i];
+        }
+        o != 0
+    }
+    #[inline(always)]
+    fn lane(self, i: usize) -> bool {
+        self.0[i] != 0
+    }
+}
+
+/// Eight `f64`; `FMA` chooses fused multiply-add.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(align(64))]
+pub struct Lanes<const FMA: bool>(pub [f64; 8]);
+
+impl<const FMA: bool> Lanes<FMA> {
+    #[inline(always)]
+    fn zip(self, b: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+        let mut o = [0.0; 8];
+        for i in 0..8 {
+            o[i] = f(self.0[i], b.0[i]);
+        }
+        Lanes(o)
+    }
+    /// Sum over the lanes, in one fixed order.
+    #[inline(always)]
+    pub fn lane_sum(self) -> f64 {
+        let a = self.0;
+        ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]))
+    }
+}
+
+macro_rules! binary {
+    ($($trait:ident $method:ident $op:tt),*) => {$(
+        impl<const F: bool> $trait for Lanes<F> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, b: Self) -> Self {
+                self.zip(b, |x, y| x $op y)
+            }
+        }
+    )*};
+}
+binary!(Add add +, Sub sub -, Mul mul *, Div div /);
+
+impl<const F: bool> Mul<f64> for Lanes<F> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: f64) -> Self {
+        self.zip(self, |x, _| x * b)
+    }
+}
+impl<const F: bool> Neg for Lanes<F> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        self.zip(self, |x, _| -x)
+    }
+}
+impl<const F: bool> AddAssign for Lanes<F> {
+    #[inline(always)]
+    fn add_assign(&mut self, b: Self) {
+        *self = *self + b;
+    }
+}
+impl<const F: bool> SubAssign for Lanes<F> {
+    #[inline(always)]
+    fn sub_assign(&mut self, b: Self) {
+        *self = *self - b;
+    }
+}
+
+impl<const FMA: bool> Real for Lanes<FMA> {
+    const LANES: usize = 8;
+    type Mask = Mask8;
+    type Pack = Self;
+    const WIDTH: usize = 1;
+    #[inline(always)]
+    fn stack(self) -> Self {
+        self
+    }
+    #[inline(always)]
+    fn gather(mut slot: impl FnMut(usize) -> Self) -> Self {
+        slot(0)
+    }
+    #[inline(always)]
+    fn extract(pack: Self, _: usize) -> Self {
+        pack
+    }
+    #[inline(always)]
+    fn total(pack: Self) -> Self {
+        pack
+    }
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        Lanes([x; 8])
+    }
+    #[inline(always)]
+    fn from_lanes(mut lane: impl FnMut(usize) -> f64) -> Self {
+        let mut o = [0.0; 8];
+        for i in 0..8 {
+            o[i] = lane(i);
+        }
+        Lanes(o)
+    }
+    #[inline(always)]
+    fn lane(self, i: usize) -> f64 {
+        self.0[i]
+    }
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        let mut o = [0.0; 8];
+        for i in 0..8 {
+            o[i] = mul_add::<FMA>(self.0[i], b.0[i], c.0[i]);
+        }
+        Lanes(o)
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        self.zip(self, |x, _| x.sqrt())
+    }
+    #[inline(always)]
+    fn recip(self) -> Self {
+        self.zip(self, |x, _| 1.0 / x)
+    }
+    #[inline(always)]
+    fn copysign(self, sign: Self) -> Self {
+        self.zip(sign, f64::copysign)
+    }
+    #[inline(always)]
+    fn map(self, mut f: impl FnMut(f64) -> f64) -> Self {
+        let mut o = [0.0; 8];
+        for i in 0..8 {
+            o[i] = f(self.0[i]);
+        }
+        Lanes(o)
+    }
+    #[inline(always)]
+    fn gt(self, b: Self) -> Mask8 {
+        let mut o = [0; 8];
+        for i in 0..8 {
+            o[i] = if self.0[i] > b.0[i] { !0 } else { 0 };
+        }
+        Mask8(o)
+    }
+    #[inline(always)]
+    fn select(mask: Mask8, yes: Self, no: Self) -> Self {
+        let mut o = [0.0; 8];
+        for i in 0..8 {
+            let m = mask.0[i];
+            o[i] = f64::from_bits((yes.0[i].to_bits() & m) | (no.0[i].to_bits() & !m));
+        }
+        Lanes(o)
+    }
+}

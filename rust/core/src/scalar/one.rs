@@ -1,0 +1,140 @@
+//! One-lane scalars: `f64`, and [`Fused`] for code compiled with fused multiply-add.
+
+use super::{Lanes, Mask, Real, mul_add};
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+impl Mask for bool {
+    const TRUE: Self = true;
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        self & other
+    }
+    #[inline(always)]
+    fn all(self) -> bool {
+        self
+    }
+    #[inline(always)]
+    fn any(self) -> bool {
+        self
+    }
+    #[inline(always)]
+    fn lane(self, _: usize) -> bool {
+        self
+    }
+}
+
+/// An `f64` whose multiply-add is fused. A machine instruction only inside code compiled for a
+/// processor that has it, so it is named by the dispatcher alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(transparent)]
+pub struct Fused(pub f64);
+
+macro_rules! binary {
+    ($($trait:ident $method:ident $op:tt),*) => {$(
+        impl $trait for Fused {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, b: Self) -> Self {
+                Fused(self.0 $op b.0)
+            }
+        }
+    )*};
+}
+binary!(Add add +, Sub sub -, Mul mul *, Div div /);
+
+impl Mul<f64> for Fused {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: f64) -> Self {
+        Fused(self.0 * b)
+    }
+}
+impl Neg for Fused {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Fused(-self.0)
+    }
+}
+impl AddAssign for Fused {
+    #[inline(always)]
+    fn add_assign(&mut self, b: Self) {
+        self.0 += b.0;
+    }
+}
+impl SubAssign for Fused {
+    #[inline(always)]
+    fn sub_assign(&mut self, b: Self) {
+        self.0 -= b.0;
+    }
+}
+
+macro_rules! one_lane {
+    ($type:ty, fma: $fma:literal, |$s:ident| $get:expr, $new:expr) => {
+        impl Real for $type {
+            const LANES: usize = 1;
+            type Mask = bool;
+            type Pack = Lanes<$fma>;
+            const WIDTH: usize = 8;
+            #[inline(always)]
+            fn stack(self) -> Self::Pack {
+                Lanes::splat(self.lane(0))
+            }
+            #[inline(always)]
+            fn gather(mut slot: impl FnMut(usize) -> Self) -> Self::Pack {
+                Lanes::from_lanes(|i| slot(i).lane(0))
+            }
+            #[inline(always)]
+            fn extract(pack: Self::Pack, slot: usize) -> Self {
+                $new(pack.lane(slot))
+            }
+            #[inline(always)]
+            fn total(pack: Self::Pack) -> Self {
+                $new(pack.lane_sum())
+            }
+            #[inline(always)]
+            fn splat(x: f64) -> Self {
+                $new(x)
+            }
+            #[inline(always)]
+            fn from_lanes(mut lane: impl FnMut(usize) -> f64) -> Self {
+                $new(lane(0))
+            }
+            #[inline(always)]
+            fn lane(self, _: usize) -> f64 {
+                let $s = self;
+                $get
+            }
+            #[inline(always)]
+            fn mul_add(self, b: Self, c: Self) -> Self {
+                $new(mul_add::<$fma>(self.lane(0), b.lane(0), c.lane(0)))
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                $new(f64::sqrt(self.lane(0)))
+            }
+            #[inline(always)]
+            fn recip(self) -> Self {
+                $new(1.0 / self.lane(0))
+            }
+            #[inline(always)]
+            fn copysign(self, sign: Self) -> Self {
+                $new(f64::copysign(self.lane(0), sign.lane(0)))
+            }
+            #[inline(always)]
+            fn map(self, mut f: impl FnMut(f64) -> f64) -> Self {
+                $new(f(self.lane(0)))
+            }
+            #[inline(always)]
+            fn gt(self, b: Self) -> bool {
+                self.lane(0) > b.lane(0)
+            }
+            #[inline(always)]
+            fn select(mask: bool, yes: Self, no: Self) -> Self {
+                if mask { yes } else { no }
+            }
+        }
+    };
+}
+one_lane!(f64, fma: false, |x| x, std::convert::identity);
+one_lane!(Fused, fma: true, |x| x.0, Fused);

@@ -1,0 +1,33 @@
+//! `celestcore._core`: numpy arrays in, numpy arrays out. Everything is computed in
+//! `celestcore-core`; documentation for users stands in the Python package.
+
+mod convert;
+mod errors;
+mod quaternions;
+mod replay;
+mod stream;
+
+use pyo3::prelude::*;
+
+/// Value that a chi-square variable with `dof` degrees of freedom stays below with probability `p`.
+#[pyfunction]
+fn chi2_quantile(py: Python<'_>, p: f64, dof: f64) -> PyResult<f64> {
+    celestcore_core::consistency::chi2_quantile(p, dof).map_err(|e| errors::raise(py, e))
+}
+
+/// Probability that a chi-square variable with `dof` degrees of freedom is below `x`.
+#[pyfunction]
+fn chi2_cdf(x: f64, dof: f64) -> f64 {
+    celestcore_core::consistency::chi2_cdf(x, dof)
+}
+
+#[pymodule]
+fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add("release_build", !cfg!(debug_assertions))?;
+    m.add_function(wrap_pyfunction!(chi2_quantile, m)?)?;
+    m.add_function(wrap_pyfunction!(chi2_cdf, m)?)?;
+    quaternions::register(m)?;
+    replay::register(m)?;
+    stream::register(m)
+}

@@ -1,0 +1,43 @@
+"""What all tests share: the `long` and `bench` marks, and which celestcore is under test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import celestcore
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+MARKS = {
+    "long": "takes minutes; run by `make long` or `pytest -m long`",
+    "bench": "measures speed; run by `make bench` or `pytest -m bench`",
+}
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    for name, meaning in MARKS.items():
+        config.addinivalue_line("markers", f"{name}: {meaning}")
+
+
+def pytest_report_header() -> str:
+    return f"celestcore {celestcore.__version__} from {Path(celestcore.__file__).parent}"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave `long` and `bench` tests out unless ``-m`` names their mark."""
+    chosen = config.getoption("markexpr") or ""
+    left_out = [name for name in MARKS if name not in chosen]
+    kept: list[pytest.Item] = []
+    dropped: list[pytest.Item] = []
+    for item in items:
+        out = any(item.get_closest_marker(name) for name in left_out)
+        (dropped if out else kept).append(item)
+    if dropped:
+        config.hook.pytest_deselected(items=dropped)
+        items[:] = kept
+
+
+@pytest.fixture
+def root() -> Path:
+    """Return the top folder of the repository."""
+    return ROOT

@@ -1,0 +1,165 @@
+"""The report and the summary."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from celestcore.analysis import WithheldDrift
+from celestcore.errors import InputError
+from celestcore.report import page, write_report
+from celestcore.solution import Solution
+from celestcore.summary import headline, inside_95, per_sensor, spell_time, summary, verdict
+from celestcore.units import ARCSEC
+
+MakeSolution = Callable[..., Solution]
+
+
+def test_summary_has_the_promised_keys(solution: Solution) -> None:
+    result = summary(solution)
+    assert list(result) == [
+        "log",
+        "filter",
+        "version",
+        "counts",
+        "span_s",
+        "innovation",
+        "final",
+        "samples_per_second",
+    ]
+    counts = "samples fixes accepted rejected missing gaps outside"
+    assert sorted(result["counts"]) == sorted(counts.split())
+    assert result["span_s"] == 2000.0
+    assert result["samples_per_second"] == pytest.approx(2.001e6)
+    assert result["final"]["t"] == 2000.0
+    assert len(result["final"]["q"]) == 4
+    json.dumps(result, allow_nan=False)
+
+
+def test_summary_numbers(solution: Solution) -> None:
+    found = summary(solution)["innovation"]
+    used = solution.innovation[solution.accepted] / ARCSEC
+    np.testing.assert_allclose(found["rms_arcsec"], np.sqrt(np.mean(used**2, axis=0)))
+    assert found["rms_total_arcsec"] == pytest.approx(np.sqrt(np.mean(np.sum(used**2, axis=1))))
+    nis = solution.nis[solution.accepted]
+    assert found["nis_mean"] == pytest.approx(nis.mean())
+    assert found["nis_per_dof"] == pytest.approx(nis.mean() / 3)
+    assert found["inside_95"] == pytest.approx(np.mean((nis > 0.2158) & (nis < 9.3484)), abs=2e-3)
+
+
+def test_summary_of_a_solution_without_fixes_is_valid_json(solution: Solution) -> None:
+    result = summary(solution[:0.5])
+    assert result["innovation"]["rms_total_arcsec"] is None
+    json.dumps(result, allow_nan=False)
+    assert "No fix was used" in headline(result)
+
+
+def test_withheld_is_passed_through(solution: Solution) -> None:
+    result = summary(solution, withheld={"windows": np.int64(3), "drift": np.array([1.0, np.nan])})
+    assert result["withheld"] == {"windows": 3, "drift": [1.0, None]}
+
+
+def test_inside_95_uses_each_dof() -> None:
+    nis = np.array([0.1, 3.0, 8.0, 9.0])
+    dof = np.array([2, 3, 2, 3])
+    assert inside_95(nis, dof).tolist() == [True, True, False, True]
+
+
+def test_per_sensor_splits(make_solution: MakeSolution) -> None:
+    sensors = per_sensor(make_solution(3000, sensors=3))
+    assert [s["name"] for s in sensors] == ["star", "star_1", "vector_sun"]
+    assert [s["dof"] for s in sensors] == [3, 3, 2]
+    assert sum(s["fixes"] for s in sensors) == 1500
+    assert len(sensors[2]["rms_arcsec"]) == 2
+    assert all(0.8 < s["nis_per_dof"] < 1.2 for s in sensors)
+
+
+def test_the_headline_tells_the_drift(solution: Solution, drift: WithheldDrift) -> None:
+    words = headline(summary(solution, withheld=drift.summary()))
+    assert "33.3 minutes with 2,001 gyro samples and 1,000 attitude fixes, 6 of them" in words
+    assert "drifted by 29.5 arcsec (median of 40 windows; plain integration" in words
+
+
+@pytest.mark.parametrize(
+    ("ratio", "inside", "words"),
+    [
+        (1.0, 0.95, "can be believed"),
+        (2.0, 0.7, "too small"),
+        (0.2, 0.6, "larger than needed"),
+        (1.0, 0.8, "not Gaussian"),
+    ],
+)
+def test_verdict_in_plain_words(ratio: float, inside: float, words: str) -> None:
+    assert words in verdict({"nis_per_dof": ratio, "inside_95": inside})
+
+
+def test_spelled_times() -> None:
+    spelled = [spell_time(s) for s in (0.5, 59.0, 60.0, 5400.0, 86400.0, 200000.0)]
+    assert spelled == [
+        "0.5 seconds",
+        "59 seconds",
+        "1 minute",
+        "1.5 hours",
+        "24 hours",
+        "2.31 days",
+    ]
+
+
+class Page(HTMLParser):
+    """Collect tags, and fail on what is not closed or what loads from elsewhere."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.images = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "img":
+            self.images += 1
+        if tag not in ("img", "meta"):
+            self.open.append(tag)
+        for name, value in attrs:
+            assert name not in ("href", "onload")
+            assert name != "src" or (value or "").startswith("data:image/png;base64,")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_page_stands_alone_and_is_well_formed(solution: Solution, drift: WithheldDrift) -> None:
+    result = summary(solution, withheld=drift.summary())
+    text = page(solution, result, drift=drift, command="celestcore replay")
+    parser = Page()
+    parser.feed(text)
+    assert parser.open == []
+    assert parser.images == 6
+    assert "http" not in text
+    assert "<script" not in text
+    assert "Made-up satellite" in text
+    assert "What was run" in text
+    assert "hidden for 10 minutes" in text
+    assert "in 92.5 % of them" in text
+    assert len(text) < 2_000_000
+
+
+def test_the_page_is_escaped(make_solution: MakeSolution) -> None:
+    evil = "<script>alert('x')</script>"
+    sol = make_solution(100, title=evil, sensor_names=[evil], frames={"inertial": evil})
+    text = page(sol, summary(sol), settings={evil: evil}, command=evil)
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+
+
+def test_a_report_is_html_or_png(solution: Solution, tmp_path: Path) -> None:
+    result = summary(solution)
+    write_report(tmp_path / "a.html", solution, result)
+    write_report(tmp_path / "a.PNG", solution, result)
+    assert (tmp_path / "a.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
+    assert len(list(tmp_path.iterdir())) == 2
+    with pytest.raises(InputError, match=r"ends in \.html or \.png"):
+        write_report(tmp_path / "a.pdf", solution, result)
