@@ -48,9 +48,9 @@ def main() -> None:
         settled = sol.t > 300.0
         rms = np.sqrt(np.mean(error[settled] ** 2, axis=0))
         inside = np.mean(np.abs(error[settled]) < 3 * sol.sigma[settled])
-        print(f"{type(kind).__name__}: attitude {rms[:3] / cc.ARCSEC} arcsec rms,")
-        print(f"  bias {rms[3:] / cc.DEG_PER_HOUR} deg/h rms,")
-        print(f"  {inside:.1%} inside 3 sigma, NEES {nees[settled].mean():.1f} (6 expected)")
+        print(f"{type(kind).__name__}: attitude {(rms[:3] / cc.ARCSEC).round(3)} arcsec rms,")
+        print(f"  bias {(rms[3:] / cc.DEG_PER_HOUR).round(4)} deg/h rms,")
+        print(f"  {inside:.1%} inside 3 sigma, NEES {nees[settled].mean():.1f} (about 6 expected)")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import celestcore
 import pytest
+from celestcore import _core
 
 ROOT = Path(__file__).resolve().parent.parent
 MARKS = {
@@ -20,12 +21,18 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header() -> str:
-    return f"celestcore {celestcore.__version__} from {Path(celestcore.__file__).parent}"
+    build = "release" if _core.release_build else "debug"
+    place = Path(celestcore.__file__).parent
+    return f"celestcore {celestcore.__version__}, {build} build, from {place}"
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave `long` and `bench` tests out unless ``-m`` names their mark."""
     chosen = config.getoption("markexpr") or ""
+    if "bench" in chosen and not _core.release_build:
+        raise pytest.UsageError(
+            "a debug build says nothing of speed: `make bench` builds the wheel"
+        )
     left_out = [name for name in MARKS if name not in chosen]
     kept: list[pytest.Item] = []
     dropped: list[pytest.Item] = []

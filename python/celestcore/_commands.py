@@ -19,7 +19,7 @@ from celestcore import cli
 from celestcore._files import check_output, replacing
 from celestcore.errors import InputError
 from celestcore.solution import package_version
-from celestcore.summary import headline, spell_time
+from celestcore.summary import headline, spell_time, summary
 from celestcore.units import ARCSEC, DEG_PER_HOUR
 
 app = typer.Typer(
@@ -111,7 +111,10 @@ def replay(
     request.check()
     sensors, settings = request.load()
     with _progress() as advance:
-        solution, result, drift = request.run(sensors, settings, advance)
+        solution = request.run(sensors, settings, advance)
+    with Console(stderr=True).status("hiding fixes, window by window"):
+        drift = request.drift(sensors, settings)
+    result = summary(solution, sensors, withheld=None if drift is None else drift.summary())
     words = cli.describe_settings(settings)
     request.write(solution, result, drift=drift, settings=words, command=shlex.join(_command()))
     console = Console(stderr=json_file == cli.STDOUT, highlight=False, markup=False)

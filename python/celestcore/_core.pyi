@@ -5,7 +5,31 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import Self
+from typing_extensions import Self, disjoint_base
+
+__all__ = [
+    "AttitudeStream",
+    "Update",
+    "__version__",
+    "chi2_cdf",
+    "chi2_quantile",
+    "quat_angle_between",
+    "quat_conjugate",
+    "quat_continuous",
+    "quat_exp",
+    "quat_from_matrix",
+    "quat_log",
+    "quat_multiply",
+    "quat_propagate",
+    "quat_right_jacobian",
+    "quat_right_jacobian_inverse",
+    "quat_rotate",
+    "quat_shortest_rotation",
+    "quat_slerp",
+    "quat_to_matrix",
+    "release_build",
+    "replay",
+]
 
 _Array = NDArray[np.float64]
 _Snapshot = tuple[
@@ -58,6 +82,7 @@ class Update:
     @property
     def covariance(self) -> _Array: ...
 
+@disjoint_base
 class AttitudeStream:
     def __new__(
         cls,

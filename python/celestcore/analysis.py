@@ -168,11 +168,9 @@ def withheld_drift(
         best = [_best(tried, fold != k) for k in range(folds)]
         choice = np.array(best)[fold]
 
-    def chosen(name: str) -> Any:
-        return np.stack([getattr(tried[c], name)[i] for i, c in enumerate(choice)])
-
-    vectors, sigma = chosen("vectors"), chosen("sigma")
-    drift = np.linalg.norm(vectors, axis=1)
+    picked = [tried[c] for c in choice]
+    drift = np.array([np.linalg.norm(p.vectors[i]) for i, p in enumerate(picked)])
+    sigma = np.array([p.sigma[i] for i, p in enumerate(picked)])
     return WithheldDrift(
         window=float(window),
         start=test.start,
@@ -180,10 +178,10 @@ def withheld_drift(
         drift_without_bias=np.linalg.norm(plain, axis=1),
         sigma=sigma,
         ratio=drift / sigma,
-        distance=chosen("distance"),
+        distance=np.array([p.distance[i] for i, p in enumerate(picked)]),
         fold=fold,
-        arw=np.array([tried[c].arw for c in choice]),
-        rrw=np.array([tried[c].rrw for c in choice]),
+        arw=np.array([p.arw for p in picked]),
+        rrw=np.array([p.rrw for p in picked]),
     )
 
 

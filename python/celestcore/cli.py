@@ -20,7 +20,6 @@ import numpy as np
 from celestcore._files import check_output, replacing
 from celestcore._optional import require
 from celestcore.errors import CelestcoreError, CelestcoreWarning, InputError
-from celestcore.summary import summary
 from celestcore.units import ARCSEC, DEG_PER_HOUR_PER_SQRT_HOUR, DEG_PER_SQRT_HOUR
 
 if TYPE_CHECKING:
@@ -182,19 +181,19 @@ class Replay:
             options["gate"] = {"probability": self.gate}
         return log, settings.merged(options)
 
-    def run(
-        self, log: SensorLog, settings: Settings, progress: Progress | None = None
-    ) -> tuple[Solution, dict[str, Any], WithheldDrift | None]:
-        """Run the filter, and the withheld-window test if asked; return what they found."""
-        navigator, sigma0 = settings.navigator(), settings.sigma0()
-        solution = navigator.run(log, sigma0=sigma0, period=self.period, progress=progress)
-        drift = None
-        if self.withhold is not None:
-            from celestcore.analysis import withheld_drift
+    def run(self, log: SensorLog, settings: Settings, progress: Progress | None = None) -> Solution:
+        """Run the filter over the log."""
+        return settings.navigator().run(
+            log, sigma0=settings.sigma0(), period=self.period, progress=progress
+        )
 
-            drift = withheld_drift(navigator, log, window=self.withhold)
-        withheld: dict[str, Any] | None = drift.summary() if drift is not None else None
-        return solution, summary(solution, log, withheld=withheld), drift
+    def drift(self, log: SensorLog, settings: Settings) -> WithheldDrift | None:
+        """Run the withheld-window test, if it was asked for."""
+        if self.withhold is None:
+            return None
+        from celestcore.analysis import withheld_drift
+
+        return withheld_drift(settings.navigator(), log, window=self.withhold)
 
     def write(
         self,

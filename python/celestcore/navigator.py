@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celestcore import _core
-from celestcore._check import array, number, quaternion
+from celestcore._check import (
+    QUATERNION_HINT,
+    array,
+    covariances,
+    number,
+    quaternion,
+    unit_rows,
+)
 from celestcore.errors import InputError
 from celestcore.filters import EKF, UKF
+from celestcore.log import SensorLog
 from celestcore.sensors import Gyro, StarCamera, VectorSensor
 from celestcore.solution import Solution
 
 if TYPE_CHECKING:
-    from celestcore.log import SensorLog
     from celestcore.quaternion import QuaternionLike
 
 __all__ = ["StarGyroNavigator", "StarGyroState"]
@@ -43,11 +50,11 @@ class StarGyroNavigator:
     gyro : Gyro
         Noise, sampling and mounting of the gyro.
     star : StarCamera or dict of str to StarCamera
-        The camera, or cameras by the names of their tables (``"star"``, ``"star_1"`` ...). One camera
-        stands for every star table of a log.
+        The camera, or cameras by the names of their tables (``"star"``, ``"star_1"`` ...). One
+        camera stands for every star table of a log.
     vector : VectorSensor or dict of str to VectorSensor, optional
-        Direction sensors by name, without ``vector_``. One stands for all; a table that brings its own
-        noise needs none.
+        Direction sensors by name, without ``vector_``. One stands for all; a table that brings its
+        own noise needs none.
     gate : float, optional
         Probability with which a good measurement passes the chi-square gate, for example 0.9999.
         None: every measurement is used.
@@ -82,10 +89,14 @@ class StarGyroNavigator:
     ) -> None:
         if gyro is None:
             raise InputError("is needed: Gyro(arw=..., rrw=...)", field="gyro")
-        self.filter = EKF() if filter is None else filter
-        self.gyro = gyro
-        self.star = StarCamera() if star is None else star
-        self.vector = vector
+        self.filter: EKF | UKF = _checked(EKF() if filter is None else filter, "filter", EKF, UKF)
+        self.gyro: Gyro = _checked(gyro, "gyro", Gyro)
+        self.star: StarCamera | Mapping[str, StarCamera] = _each(
+            StarCamera() if star is None else star, "star", StarCamera
+        )
+        self.vector: VectorSensor | Mapping[str, VectorSensor] | None = (
+            None if vector is None else _each(vector, "vector", VectorSensor)
+        )
         self.gate = None if gate is None else number(gate, "gate", above=0.0)
         if self.gate is not None and self.gate > 1.0:
             raise InputError(
@@ -127,8 +138,8 @@ class StarGyroNavigator:
         bias0 : array_like (3,)
             Gyro bias at the start, body frame [rad/s].
         sigma0 : (attitude, bias), optional
-            1-sigma of the start [rad], [rad/s], each a number or three. By default the first fix's own
-            noise, and 1e-3 rad/s. Needed with `q0`.
+            1-sigma of the start [rad], [rad/s], each a number or three. By default the first fix's
+            own noise, and 1e-3 rad/s. Needed with `q0`; without it only the bias part is used.
         every : int
             One output row every so many gyro samples.
         period : float, optional
@@ -138,8 +149,8 @@ class StarGyroNavigator:
         progress : callable, optional
             ``progress(done, total)`` [gyro samples], called some 20 times a second.
         portable : bool
-            Compute without the wide instructions of this machine: same bits on every x86-64 machine,
-            slower.
+            Compute without the wide instructions of this machine: same bits on every x86-64
+            machine, slower.
 
         Returns
         -------
@@ -154,7 +165,7 @@ class StarGyroNavigator:
         KeyboardInterrupt
             On Ctrl-C, within a fraction of a second.
         """
-        gyro = log.gyro
+        gyro = _checked(log, "log", SensorLog).gyro
         if gyro is None:
             raise InputError("the log has no gyro table; it has " + ", ".join(log.tables))
         names, sensors = self._sensors(log)
@@ -166,11 +177,11 @@ class StarGyroNavigator:
             setup=self._setup(max_gap),
             start=self._start(gyro.t, t0, q0, sigma0),
             bias0=_three(bias0, "bias0"),
-            bias_sigma=_three(BIAS_SIGMA if sigma0 is None else sigma0[1], "sigma0"),
+            bias_sigma=[BIAS_SIGMA] * 3 if sigma0 is None else _sigma0(sigma0)[3:].tolist(),
             every=_count(every, "every"),
             period=None if period is None else number(period, "period", above=0.0),
-            covariance=covariance,
-            portable=portable,
+            covariance=bool(covariance),
+            portable=bool(portable),
             progress=progress,
         )
         return self._solution(log, names, out, max_gap)
@@ -247,7 +258,8 @@ class StarGyroNavigator:
     def _direction(self, name: str) -> VectorSensor | None:
         if self.vector is None or isinstance(self.vector, VectorSensor):
             return self.vector
-        return _named(self.vector, name, "vector")
+        sensor: VectorSensor = _named(self.vector, name, "vector")
+        return sensor
 
     def _sensors(self, log: SensorLog) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Return the sensors' names, and their columns in the body frame for the core."""
@@ -305,13 +317,12 @@ class StarGyroNavigator:
         accepted = out["accepted"]
         used = int(np.count_nonzero(accepted))
         start_fix = out["start_fix"] is not None
-        p_innovation = out.pop("innovation_covariance")
         p_final = out["final_covariance"]
         fixes = sum(len(table) for table in (*log.stars.values(), *log.vectors.values()))
         return Solution(
             **{name: out[name] for name in ("t", "q", "rate", "bias", "sigma", "measurement_t")},
             **{name: out[name] for name in ("sensor", "nis", "dof", "accepted", "innovation")},
-            innovation_sigma=np.sqrt(np.einsum("nii->ni", p_innovation)),
+            innovation_sigma=out["innovation_sigma"],
             covariance=out["covariance"] if len(out["covariance"]) else None,
             gaps=np.stack([gyro.t[first], gyro.t[first + 1]], axis=1),
             counts={
@@ -344,10 +355,10 @@ class StarGyroState(_core.AttitudeStream):
     """A filter that is fed sample by sample: what `StarGyroNavigator.start` returns.
 
     Samples come in order of time: `predict` with each gyro sample, `update` with each star fix,
-    `update_vector` with each direction. The result is that of `StarGyroNavigator.run` on the same
-    samples, except where a measurement falls between two gyro samples and the gyro's sampling is
-    "integrated" or "average": the sample that ends the interval is then not known yet, and the last
-    one is held.
+    `update_direction` with each direction. The result is that of `StarGyroNavigator.run` on the
+    same samples, except where a measurement falls between two gyro samples and the gyro's sampling
+    is "integrated" or "average": the sample that ends the interval is then not known yet, and the
+    last one is held. Without `Gyro.max_gap` no step is a gap: a stream knows no median step.
 
     Attributes
     ----------
@@ -371,14 +382,14 @@ class StarGyroState(_core.AttitudeStream):
         cls,
         navigator: StarGyroNavigator,
         t: float,
-        q: ArrayLike,
+        q: Sequence[float],
         bias: ArrayLike,
         sigma0: Sigma0,
     ) -> StarGyroState:
         """Make the core's state."""
         gap = navigator.gyro.max_gap
         setup = navigator._setup(np.inf if gap is None else gap)
-        mounting = navigator.gyro.mounting
+        mounting: Any = navigator.gyro.mounting  # a plain tuple since Gyro was made
         self = super().__new__(
             cls, setup, mounting, t, q, _three(bias, "bias"), _covariance(sigma0)
         )
@@ -422,8 +433,11 @@ class StarGyroState(_core.AttitudeStream):
             A covariance that is not positive definite; the state is as it was.
         """
         own = self.navigator._camera(camera)
-        each = None if sigma is None else np.reshape(_three(sigma, "sigma"), (1, 3))
-        full = None if covariance is None else array(covariance, "covariance", (3, 3))[None]
+        each = None if sigma is None else np.reshape(_positive(sigma, "sigma"), (1, 3))
+        full = None
+        if covariance is not None:
+            full = array(covariance, "covariance", (3, 3))[None]
+            full = covariances(full, "covariance", 1, one=True)
         q_ib, noise = own.to_body(np.reshape(_quaternion(q, "q"), (1, 4)), each, full)
         return self.update_star(number(t, "t"), q_ib[0].tolist(), noise[0].tolist())
 
@@ -465,7 +479,8 @@ class StarGyroState(_core.AttitudeStream):
         own = nav._direction(sensor or "") if nav.vector is not None else None
         if sigma is None and own is None:
             raise InputError("is needed: the navigator has no vector sensor", field="sigma")
-        noise = own.sigma if sigma is None and own is not None else number(sigma, "sigma", above=0.0)
+        given = own.sigma if sigma is None and own is not None else sigma
+        noise = number(given, "sigma", above=0.0)
         plain = own if own is not None else VectorSensor(noise)
         b = plain.to_body(np.reshape(_three(body, "body"), (1, 3)))[0]
         i = VectorSensor(noise).to_body(np.reshape(_three(inertial, "inertial"), (1, 3)))[0]
@@ -487,15 +502,17 @@ class StarGyroState(_core.AttitudeStream):
         return copy.copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restore, (self.navigator, self._snapshot())
+        return _restore, (type(self), self.navigator, self._snapshot()), self.__dict__
 
     def __repr__(self) -> str:
         sigma = ", ".join(f"{s:.3g}" for s in self.sigma)
         return f"StarGyroState(t={self.t:.10g}, q={self.q.round(9).tolist()}, sigma=[{sigma}])"
 
 
-def _restore(navigator: StarGyroNavigator, parts: tuple[Any, ...]) -> StarGyroState:
-    state = StarGyroState(navigator, parts[0], parts[1], parts[2], (1.0, 1.0))
+def _restore(
+    cls: type[StarGyroState], navigator: StarGyroNavigator, parts: tuple[Any, ...]
+) -> StarGyroState:
+    state = StarGyroState.__new__(cls, navigator, parts[0], parts[1], parts[2], (1.0, 1.0))
     state._restore(parts)
     return state
 
@@ -507,11 +524,34 @@ def _named(sensors: Mapping[str, Any], name: str, what: str) -> Any:
     raise InputError(f"no {what} sensor is described for it; described are {known}", field=name)
 
 
+def _checked(value: Any, field: str, *kinds: type) -> Any:
+    if isinstance(value, kinds):
+        return value
+    known = " or ".join(f"{kind.__name__}(...)" for kind in kinds)
+    raise InputError(f"must be {known}", field=field, value=value)
+
+
+def _each(value: Any, field: str, kind: type) -> Any:
+    """Check one sensor, or a mapping of names to sensors."""
+    if not isinstance(value, Mapping):
+        return _checked(value, field, kind)
+    return {name: _checked(sensor, str(name), kind) for name, sensor in value.items()}
+
+
 def _quaternion(q: QuaternionLike, field: str) -> tuple[float, ...]:
+    """Return one unit quaternion; rounding is normalised, what is further off is an error."""
     value = quaternion(q, field)
     if value.size != 4:
         raise InputError(f"needs one quaternion, got shape {value.shape}", field=field)
-    return tuple(value.reshape(4).tolist())
+    rows = value.reshape(1, 4)
+    if not np.isfinite(rows).all():
+        raise InputError("must be finite", field=field, value=rows[0])
+    try:
+        unit_rows(rows, field, what="quaternion", hint=QUATERNION_HINT)
+    except InputError as error:
+        error.row = None
+        raise
+    return tuple(rows[0].tolist())
 
 
 def _three(value: ArrayLike, field: str) -> list[float]:
@@ -523,15 +563,27 @@ def _three(value: ArrayLike, field: str) -> list[float]:
 
 
 def _count(value: int, field: str) -> int:
-    if isinstance(value, bool) or int(value) != value or value < 1:
+    n = number(value, field)
+    if n != np.floor(n) or n < 1.0:
         raise InputError("must be a whole number of at least 1", field=field, value=value)
-    return int(value)
+    return int(min(n, 2.0**53))
+
+
+def _positive(value: ArrayLike, field: str) -> FloatArray:
+    """Return three 1-sigma values of one or three."""
+    sigma = np.array(_three(value, field))
+    if not np.all(sigma > 0.0):
+        raise InputError("must be positive", field=field, value=sigma)
+    return sigma
+
+
+def _sigma0(sigma0: Sigma0) -> FloatArray:
+    """Return the start's 1-sigma values (6,): attitude [rad], bias [rad/s]."""
+    if not isinstance(sigma0, Sequence | np.ndarray) or len(sigma0) != 2:
+        raise InputError("needs (attitude [rad], bias [rad/s])", field="sigma0", value=sigma0)
+    return np.concatenate([_positive(part, "sigma0") for part in sigma0])
 
 
 def _covariance(sigma0: Sigma0) -> FloatArray:
-    if len(sigma0) != 2:
-        raise InputError("needs (attitude [rad], bias [rad/s])", field="sigma0", value=sigma0)
-    sigma = np.array([*_three(sigma0[0], "sigma0"), *_three(sigma0[1], "sigma0")])
-    if not np.all(sigma > 0.0):
-        raise InputError("must be positive", field="sigma0", value=sigma.tolist())
+    sigma = _sigma0(sigma0)
     return np.diag(sigma * sigma)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celestcore import _core
+from celestcore._check import array
 from celestcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ def from_matrix(r: ArrayLike) -> FloatArray:
     >>> from_matrix([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
     array([0., 0., 0., 1.])
     """
-    m = np.asarray(r, dtype=np.float64)
+    m = _numbers(r, "r")
     if m.shape[-2:] != (3, 3):
         raise InputError(f"needs shape (..., 3, 3), got {m.shape}", field="r")
     off = np.abs(m @ np.swapaxes(m, -1, -2) - np.eye(3)).max(axis=(-2, -1), initial=0.0)
@@ -264,7 +265,7 @@ def slerp(a: QuaternionLike, b: QuaternionLike, s: ArrayLike) -> FloatArray:
     >>> log(slerp([1.0, 0.0, 0.0, 0.0], exp([0.0, 0.0, 1.0]), 0.25)).round(12)
     array([0.  , 0.  , 0.25])
     """
-    part = np.asarray(s, dtype=np.float64)[..., None]
+    part = _numbers(s, "s")[..., None]
     (x, y, z), shape = _stacks(("a", a, 4), ("b", b, 4), ("s", part, 1))
     return np.asarray(_core.quat_slerp(x, y, z)).reshape(*shape, 4)
 
@@ -338,12 +339,18 @@ def shortest_rotation(a: ArrayLike, b: ArrayLike) -> FloatArray:
     array([0.707107, 0.      , 0.      , 0.707107])
     """
     (x, y), shape = _stacks(("a", a, 3), ("b", b, 3))
-    for name, v in (("a", x), ("b", y)):
-        bad = ~(np.linalg.norm(v, axis=1) > 0.0)
-        if bad.any():
-            row = int(np.argmax(bad))
-            raise InputError("has no direction", field=name, row=row, value=v[row].tolist())
+    x, y = _directions(x, "a"), _directions(y, "b")
     return np.asarray(_core.quat_shortest_rotation(x, y)).reshape(*shape, 4)
+
+
+def _directions(v: FloatArray, name: str) -> FloatArray:
+    """Scale vectors (n, 3) by powers of two so that no square over- or underflows."""
+    largest = np.abs(v).max(axis=1, initial=0.0)
+    bad = ~((largest > 0.0) & np.isfinite(largest))
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError("has no direction", field=name, row=row, value=v[row])
+    return np.asarray(np.ldexp(v, -np.frexp(largest)[1][:, None]))
 
 
 def continuous(q: QuaternionLike) -> FloatArray:
@@ -360,11 +367,11 @@ def continuous(q: QuaternionLike) -> FloatArray:
 
     Examples
     --------
-    >>> continuous([[1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]])
+    >>> continuous([[1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]]) + 0.0
     array([[1., 0., 0., 0.],
            [1., 0., 0., 0.]])
     """
-    x = _quaternions(q)
+    x = _quaternions(q, "q")
     if x.ndim < 2 or x.shape[-1] != 4:
         raise InputError(f"needs shape (..., n, 4), got {x.shape}", field="q")
     flat = np.ascontiguousarray(x).reshape(-1, 4)
@@ -398,15 +405,19 @@ def propagate(
     >>> log(q[-1]).round(12)
     array([0., 0., 1.])
     """
-    w = np.asarray(rates, dtype=np.float64)
-    step = np.atleast_1d(np.asarray(dt, dtype=np.float64))
+    w = _numbers(rates, "rates")
+    step = np.atleast_1d(_numbers(dt, "dt"))
     if w.ndim < 2 or w.shape[-1] != 3:
         raise InputError(f"needs shape (..., n, 3), got {w.shape}", field="rates")
     n = w.shape[-2]
     if step.ndim != 1 or len(step) not in (1, n):
         raise InputError(f"needs one step or {n}, got shape {step.shape}", field="dt")
-    start = _quaternions(q0)
+    start = _quaternions(q0, "q0")
+    if start.ndim == 0 or start.shape[-1] != 4:
+        raise InputError(f"needs a last axis of 4, got shape {start.shape}", field="q0")
     shape = _broadcast((start.shape[:-1], w.shape[:-2]))
+    if 0 in shape:
+        return np.empty((*shape, n + 1, 4))
     q = np.ascontiguousarray(np.broadcast_to(start, (*shape, 4)))
     w = np.ascontiguousarray(np.broadcast_to(w, (*shape, n, 3)))
     out = _core.quat_propagate(q, w, np.ascontiguousarray(step), method)
@@ -422,7 +433,7 @@ def from_rotation(rotation: Rotation) -> FloatArray:
     >>> from_rotation(Rotation.identity())
     array([1., 0., 0., 0.])
     """
-    return _quaternions(rotation)
+    return _quaternions(rotation, "rotation")
 
 
 def as_rotation(q: QuaternionLike) -> Rotation:
@@ -436,16 +447,23 @@ def as_rotation(q: QuaternionLike) -> Rotation:
     from celestcore._optional import require
 
     transform = require("scipy.spatial.transform", extra="scipy", what="as_rotation")
-    rotation: Rotation = transform.Rotation.from_quat(np.roll(_quaternions(q), -1, axis=-1))
+    rotation: Rotation = transform.Rotation.from_quat(np.roll(_quaternions(q, "q"), -1, axis=-1))
     return rotation
 
 
-def _quaternions(q: Any) -> FloatArray:
+def _quaternions(q: Any, name: str) -> FloatArray:
     """Return quaternions, scalar first, of an array or of a scipy Rotation."""
     as_quat = getattr(q, "as_quat", None)
     if callable(as_quat):
         return np.roll(np.asarray(as_quat(), dtype=np.float64), 1, axis=-1)
-    return np.asarray(q, dtype=np.float64)
+    return _numbers(q, name)
+
+
+def _numbers(value: Any, name: str) -> FloatArray:
+    """Return a float64 array, without a copy where that is what it is."""
+    if type(value) is np.ndarray and value.dtype == np.float64:
+        return value
+    return array(value, name)
 
 
 def _broadcast(shapes: tuple[tuple[int, ...], ...]) -> tuple[int, ...]:
@@ -460,7 +478,7 @@ def _stacks(*given: tuple[str, Any, int]) -> tuple[list[FloatArray], tuple[int, 
     """Broadcast the leading axes and flatten them; last axes have the lengths asked for."""
     arrays = []
     for name, value, width in given:
-        a = _quaternions(value) if width == 4 else np.asarray(value, dtype=np.float64)
+        a = _quaternions(value, name) if width == 4 else _numbers(value, name)
         if a.ndim == 0 or a.shape[-1] != width:
             raise InputError(f"needs a last axis of {width}, got shape {a.shape}", field=name)
         arrays.append(a)

@@ -60,7 +60,8 @@ CAPTIONS = {
         "degrees of freedom and 95 % of the dots lie in the green band (chi-square). Dots "
         "that sit high mean error bars too small; dots that sit low mean error bars too "
         "large. Fixes that were smoothed on board have errors that hang together from one to "
-        "the next: then the dots sit low although the error bars over minutes are right.",
+        "the next: then the dots sit low, and this test does not tell how good the error bars "
+        "are over minutes.",
     ),
 }
 STYLE = """
@@ -291,10 +292,10 @@ def _withheld(withheld: Mapping[str, Any]) -> str:
         "compared with."
     )
     found = (
-        f"{drift_words(dict(withheld))} The filter's prediction was nearer than plain integration "
-        f"in {100.0 * withheld['nearer_with_bias']:.3g} % of the windows. The drift over its "
-        f"predicted sigma was {withheld['ratio_median']:.2g} in the median and "
-        f"{withheld['ratio_max']:.2g} at most."
+        f"{drift_words(dict(withheld))} The drift over its predicted sigma was "
+        f"{withheld['ratio_median']:.2g} in the median and {withheld['ratio_max']:.2g} at most; "
+        f"with a sigma that is exactly right the median would be 0.89, and a smaller one means "
+        f"that the prediction is cautious."
     )
     limits = (
         "If the fixes are themselves the product of an onboard filter, they are a reference for "
@@ -333,7 +334,9 @@ def _grid(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _number(value: float | None, unit: str = "") -> str:
-    return "n/a" if value is None else f"{value:.3g}{unit}"
+    if value is None:
+        return "n/a"
+    return f"{value:,.0f}{unit}" if abs(value) >= 1000.0 else f"{value:.3g}{unit}"
 
 
 def _speed(per_second: float | None) -> str:

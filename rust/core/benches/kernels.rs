@@ -1,17 +1,18 @@
 //! Time per gyro sample of the attitude kernels, arrays in memory, a star fix every second sample.
 //!
 //! `cargo bench -p celestcore-core`; `cargo bench` is always a release build.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use celestcore_core::attitude::{
-    AnyFilter, Attitude, AttitudeSensor, AttitudeSensors, GyroModel, GyroSeries, GyroTiming, Options, Sampling,
-    StarSeries, run,
+    AnyFilter, Attitude, AttitudeSensor, AttitudeSensors, Buffers, GyroModel, GyroSeries, GyroTiming, Log, Options,
+    Sampling, StarSeries, rows, run,
 };
 use celestcore_core::filter::{Ekf, SrUkf, Ukf};
 use celestcore_core::linalg::zeros;
 use celestcore_core::quaternion::{Integrator, exp, multiply, propagate};
 use celestcore_core::replay::{Output, Start};
 use celestcore_core::scalar::Level;
-use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::StandardNormal;
@@ -23,7 +24,7 @@ const ARW: f64 = 2.5e-5;
 const RRW: f64 = 3.0e-7;
 const SIGMA: f64 = 1.45e-4;
 
-struct Log {
+struct Made {
     t: Vec<f64>,
     rate: Vec<[f64; 3]>,
     star_t: Vec<f64>,
@@ -31,11 +32,11 @@ struct Log {
     noise: Vec<[f64; 6]>,
 }
 
-fn log() -> Log {
+fn log() -> Made {
     let mut rng = StdRng::seed_from_u64(20_240_607);
     let mut normal = move || -> f64 { rng.sample(StandardNormal) };
     let (mut q, mut bias) = ([1.0, 0.0, 0.0, 0.0], [1e-4, -2e-4, 1.5e-4]);
-    let mut log = Log { t: vec![], rate: vec![], star_t: vec![], star_q: vec![], noise: vec![] };
+    let mut log = Made { t: vec![], rate: vec![], star_t: vec![], star_q: vec![], noise: vec![] };
     for k in 0..N {
         let t = k as f64 * DT;
         let truth = [0.02 * (0.1 * t).sin(), 0.02 * (0.13 * t).cos(), 0.01 * (0.07 * t).sin() + 0.01];
@@ -54,7 +55,7 @@ fn log() -> Log {
     log
 }
 
-fn start(log: &Log) -> Start<celestcore_core::attitude::AttitudeBias, 6> {
+fn start(log: &Made) -> Start<celestcore_core::attitude::AttitudeBias, 6> {
     let mut covariance = zeros();
     for i in 0..3 {
         covariance[(i, i)] = 1e-6;
@@ -64,7 +65,9 @@ fn start(log: &Log) -> Start<celestcore_core::attitude::AttitudeBias, 6> {
 }
 
 fn filters(c: &mut Criterion) {
-    assert!(!cfg!(debug_assertions), "benchmarks need a release build");
+    if cfg!(debug_assertions) {
+        panic!("benchmarks need a release build: use cargo bench");
+    }
     let log = log();
     let timing = GyroTiming { sampling: Sampling::Hold, max_gap: 1.0, gap_rate_sigma: 1e-3 };
     let gyro = GyroSeries { t: &log.t, rate: &log.rate, timing };
@@ -86,13 +89,14 @@ fn filters(c: &mut Criterion) {
             if !level.available() {
                 continue;
             }
-            let options = Options { output: Output::Every(1), covariance: false, level };
+            let options = Options { output: Output::Every(1), level };
+            let mut buffers = Buffers::new(rows(&gyro, &sensors, &start, options.output).unwrap(), false);
             group.bench_function(format!("{name}/{level:?}"), |b| {
-                b.iter_batched(
-                    || (),
-                    |()| run(&filter, &model, &gyro, &sensors, black_box(&start), &options, &mut |_| Ok(())).unwrap(),
-                    BatchSize::LargeInput,
-                )
+                b.iter(|| {
+                    let (columns, measured) = buffers.columns();
+                    let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
+                    run(&filter, log, black_box(&start), &options, columns, measured, &mut |_| Ok(())).unwrap()
+                });
             });
         }
     }

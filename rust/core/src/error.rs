@@ -25,7 +25,9 @@ pub enum Error {
         field: &'static str,
     },
     /// Times that go back or repeat.
-    #[error("{field} row {row}: time {value} s does not come after {previous} s; sort the rows and drop the repeated ones")]
+    #[error(
+        "{field} row {row}: time {value} s does not come after {previous} s; sort the rows and drop the repeated ones"
+    )]
     NotIncreasing {
         /// Name of the column.
         field: &'static str,
@@ -47,7 +49,9 @@ pub enum Error {
         need: &'static str,
     },
     /// A covariance that is not (or no longer) positive definite, or a state that is not finite.
-    #[error("{what} is not positive definite or not finite at step {step}, t = {t} s; check the noise parameters, or use the square-root filter")]
+    #[error(
+        "{what} is not positive definite or not finite at step {step}, t = {t} s; check the noise parameters, or use the square-root filter"
+    )]
     NotPositiveDefinite {
         /// Which matrix.
         what: &'static str,
@@ -57,7 +61,9 @@ pub enum Error {
         t: f64,
     },
     /// No measurement that a filter could start from.
-    #[error("no {sensor} measurement to start from lies inside the gyro's time span; give the initial attitude (q0), or a log with star fixes")]
+    #[error(
+        "no {sensor} measurement to start from lies inside the gyro's time span; give the initial attitude (q0), or a log with star fixes"
+    )]
     NoStart {
         /// Kind of the sensor.
         sensor: &'static str,

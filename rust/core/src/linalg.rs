@@ -76,7 +76,10 @@ pub fn mul_t<T: Real, const R: usize, const K: usize, const C: usize>(
 
 /// `a b aᵀ` for symmetric `b`.
 #[inline(always)]
-pub fn congruence<T: Real, const R: usize, const K: usize>(a: &Matrix<T, R, K>, b: &Matrix<T, K, K>) -> Matrix<T, R, R> {
+pub fn congruence<T: Real, const R: usize, const K: usize>(
+    a: &Matrix<T, R, K>,
+    b: &Matrix<T, K, K>,
+) -> Matrix<T, R, R> {
     let ab = mul(a, b);
     symmetric(|i, j| dot::<T, K>(|k| ab[(i, k)], |k| a[(j, k)]))
 }
@@ -120,31 +123,61 @@ pub fn skew<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
     m
 }
 
-/// Lower Cholesky factor, and in which lanes it exists. A failed pivot is replaced by one, so that a
-/// bad lane stays finite and does not disturb the others.
+/// `P = L D Lᵀ`: unit lower-triangular `L`, `D` and `D⁻¹`, and in which lanes all pivots are positive.
+/// A failed pivot is replaced by one, so that a bad lane stays finite and does not disturb the others.
+///
+/// No square root stands on the path from pivot to pivot.
 #[inline(always)]
-pub fn cholesky<T: Real, const N: usize>(p: &Matrix<T, N, N>) -> (Matrix<T, N, N>, T::Mask) {
-    let mut l = zeros::<T, N, N>();
+pub fn ldl<T: Real, const N: usize>(p: &Matrix<T, N, N>) -> Ldl<T, N> {
+    // u = L D, the columns before their division by the pivot
+    let (mut l, mut u) = (zeros::<T, N, N>(), zeros::<T, N, N>());
+    let (mut pivots, mut inverses) = ([T::one(); N], [T::one(); N]);
     let mut ok = T::Mask::TRUE;
     for j in 0..N {
         let mut d = p[(j, j)];
         for k in 0..j {
-            d = (-l[(j, k)]).mul_add(l[(j, k)], d);
+            d = (-l[(j, k)]).mul_add(u[(j, k)], d);
         }
         let good = d.gt(T::zero());
         ok = ok.and(good);
-        let d = T::select(good, d, T::one()).sqrt();
-        l[(j, j)] = d;
-        let inverse = d.recip();
+        pivots[j] = T::select(good, d, T::one());
+        inverses[j] = pivots[j].recip();
         for i in j + 1..N {
             let mut t = p[(i, j)];
             for k in 0..j {
-                t = (-l[(i, k)]).mul_add(l[(j, k)], t);
+                t = (-u[(i, k)]).mul_add(l[(j, k)], t);
             }
-            l[(i, j)] = t * inverse;
+            u[(i, j)] = t;
+            l[(i, j)] = t * inverses[j];
         }
     }
-    (l, ok)
+    Ldl { l, pivots, inverses, ok }
+}
+
+/// What [`ldl`] returns.
+pub struct Ldl<T: Real, const N: usize> {
+    /// Strictly lower triangle of the unit lower-triangular factor.
+    pub l: Matrix<T, N, N>,
+    /// Diagonal of `D`.
+    pub pivots: Vector<T, N>,
+    /// Reciprocals of the pivots.
+    pub inverses: Vector<T, N>,
+    /// True where all pivots are positive.
+    pub ok: T::Mask,
+}
+
+/// Lower Cholesky factor, and in which lanes it exists (see [`ldl`]).
+#[inline(always)]
+pub fn cholesky<T: Real, const N: usize>(p: &Matrix<T, N, N>) -> (Matrix<T, N, N>, T::Mask) {
+    let mut f = ldl(p);
+    for j in 0..N {
+        let root = f.pivots[j].sqrt();
+        f.l[(j, j)] = root;
+        for i in j + 1..N {
+            f.l[(i, j)] = f.l[(i, j)] * root;
+        }
+    }
+    (f.l, f.ok)
 }
 
 /// Lower Cholesky factor of a positive *semi*definite matrix: a pivot that is zero to rounding gives a
@@ -185,34 +218,36 @@ pub fn forward_solve<T: Real, const M: usize>(l: &Matrix<T, M, M>, b: &Vector<T,
     y
 }
 
-/// `b s⁻¹` and `s⁻¹` through the Cholesky factor of `s`: the gain of a filter, solved for each row.
-/// Returns the factor, the solution, and in which lanes the factor exists.
+/// The gain `b S⁻¹` and the quadratic form `rᵀ S⁻¹ r`, both by substitution, and in which lanes `S` is
+/// positive definite.
 #[inline(always)]
-pub fn solve_right<T: Real, const N: usize, const M: usize>(
+pub fn gain<T: Real, const N: usize, const M: usize>(
     b: &Matrix<T, N, M>,
     s: &Matrix<T, M, M>,
-) -> (Matrix<T, M, M>, Matrix<T, N, M>, T::Mask) {
-    let (l, ok) = cholesky(s);
-    let mut inverse = [T::zero(); M];
-    for i in 0..M {
-        inverse[i] = l[(i, i)].recip();
-    }
+    r: &Vector<T, M>,
+) -> (Matrix<T, N, M>, T, T::Mask) {
+    let f = ldl(s);
     let mut x = *b;
     for n in 0..N {
         for i in 0..M {
-            let mut t = x[(n, i)];
             for k in 0..i {
-                t = (-l[(i, k)]).mul_add(x[(n, k)], t);
+                x[(n, i)] = (-f.l[(i, k)]).mul_add(x[(n, k)], x[(n, i)]);
             }
-            x[(n, i)] = t * inverse[i];
         }
         for i in (0..M).rev() {
-            let mut t = x[(n, i)];
+            x[(n, i)] = x[(n, i)] * f.inverses[i];
             for k in i + 1..M {
-                t = (-l[(k, i)]).mul_add(x[(n, k)], t);
+                x[(n, i)] = (-f.l[(k, i)]).mul_add(x[(n, k)], x[(n, i)]);
             }
-            x[(n, i)] = t * inverse[i];
         }
     }
-    (l, x, ok)
+    let mut y = *r;
+    let mut square = T::zero();
+    for i in 0..M {
+        for k in 0..i {
+            y[i] = (-f.l[(i, k)]).mul_add(y[k], y[i]);
+        }
+        square = (y[i] * f.inverses[i]).mul_add(y[i], square);
+    }
+    (x, square, f.ok)
 }

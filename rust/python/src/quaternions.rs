@@ -93,13 +93,7 @@ pub(crate) fn integrator(py: Python<'_>, name: &str) -> PyResult<Integrator> {
 
 /// Attitude histories: `q0 (m, 4)`, `rates (m, n, 3)`, `dt` of one or n entries; returns `(m (n + 1), 4)`.
 #[pyfunction]
-fn quat_propagate(
-    py: Python<'_>,
-    q0: Array<'_>,
-    rates: Array<'_>,
-    dt: Array<'_>,
-    method: &str,
-) -> PyResult<Py<PyAny>> {
+fn quat_propagate(py: Python<'_>, q0: Array<'_>, rates: Array<'_>, dt: Array<'_>, method: &str) -> PyResult<Py<PyAny>> {
     let (q0, rates, dt) = (rows::<4>(&q0, "q0")?, rows::<3>(&rates, "rates")?, flat(&dt, "dt")?);
     let method = integrator(py, method)?;
     let n = if q0.is_empty() { 0 } else { rates.len() / q0.len() };

@@ -1,17 +1,17 @@
 //! A whole log in one call.
 
-use crate::convert::{Array, as_rows, flat, matrices, matrix6, rows, table};
+use crate::convert::{Array, as_rows, flat, matrix6, rows, table};
 use crate::errors::{input, raise};
 use crate::quaternions::integrator;
 use celestcore_core::Error;
 use celestcore_core::attitude::{
     AnyFilter, Attitude, AttitudeSensor, AttitudeSensors, Columns, DirectionSeries, GyroModel, GyroSeries, GyroTiming,
-    Measured, Options, Sampling, Solution, StarSeries, first_fix, run,
+    Log, Measured, Options, Sampling, StarSeries, first_fix, rows as rows_of, run,
 };
 use celestcore_core::filter::{Ekf, SrUkf, Ukf, Unscented};
-use celestcore_core::replay::{Output, Start};
+use celestcore_core::replay::{MAX_DOF, Output, Start};
 use celestcore_core::scalar::Level;
-use numpy::PyArray1;
+use numpy::{Element, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::time::{Duration, Instant};
@@ -83,7 +83,7 @@ enum Sensor<'py> {
 impl<'py> Sensor<'py> {
     fn new(item: &Bound<'py, PyTuple>) -> PyResult<Self> {
         let kind: String = item.get_item(0)?.extract()?;
-        let array = |i: usize| item.get_item(i)?.extract::<Array<'py>>().map_err(PyErr::from);
+        let array = |i: usize| item.get_item(i)?.extract::<Array<'py>>();
         match kind.as_str() {
             "star" => Ok(Self::Star(array(1)?, array(2)?, array(3)?)),
             "vector" => Ok(Self::Direction(array(1)?, array(2)?, array(3)?, array(4)?)),
@@ -142,77 +142,115 @@ fn replay<'py>(
         }),
         None => None,
     };
-    let options = Options {
-        output: period.map_or(Output::Every(every), Output::Period),
-        covariance,
-        level: if portable { Level::Portable } else { Level::best() },
-    };
+    let level = if portable { Level::Portable } else { Level::best() };
+    let options = Options { output: period.map_or(Output::Every(every), Output::Period), level };
+    let sensors = AttitudeSensors::new(&series, setup.gate).map_err(|e| raise(py, e))?;
+    let start = match given {
+        Some(start) => Ok(start),
+        None => first_fix(&gyro, &sensors, bias0, bias_sigma),
+    }
+    .map_err(|e| raise(py, e))?;
+    let rows = rows_of(&gyro, &sensors, &start, options.output).map_err(|e| raise(py, e))?;
+
+    // numpy's own memory: the core writes where Python will read
+    let [t, measurement_t, nis] = [rows.output, rows.measured, rows.measured].map(|n| column::<f64>(py, n));
+    let [sensor, row, dof] = [(); 3].map(|()| column::<i32>(py, rows.measured));
+    let accepted = column::<bool>(py, rows.measured);
+    let [q, rate, bias, sigma] = [4, 3, 3, 6].map(|width| table_of(py, rows.output, width));
+    let [innovation, innovation_sigma] = [(); 2].map(|()| table_of(py, rows.measured, MAX_DOF));
+    let cov = PyArray3::<f64>::zeros(py, [if covariance { rows.output } else { 0 }, 6, 6], false);
+
     let total = gyro.t.len();
     let mut stopped: Option<PyErr> = None;
-    let result = py.detach(|| {
-        let mut heard = Instant::now();
-        let mut poll = |k: usize| {
-            if heard.elapsed() < POLL {
-                return Ok(());
-            }
-            heard = Instant::now();
-            Python::attach(|py| {
-                py.check_signals()?;
-                match &progress {
-                    Some(call) => call.call1(py, (k, total)).map(|_| ()),
-                    None => Ok(()),
+    let (end, elapsed) = {
+        let (mut t, mut q, mut rate) = (t.try_readwrite()?, q.try_readwrite()?, rate.try_readwrite()?);
+        let (mut bias, mut sigma, mut cov) = (bias.try_readwrite()?, sigma.try_readwrite()?, cov.try_readwrite()?);
+        let columns = Columns {
+            t: t.as_slice_mut()?,
+            q: q.as_slice_mut()?.as_chunks_mut().0,
+            rate: rate.as_slice_mut()?.as_chunks_mut().0,
+            bias: bias.as_slice_mut()?.as_chunks_mut().0,
+            sigma: sigma.as_slice_mut()?.as_chunks_mut().0,
+            covariance: cov.as_slice_mut()?.as_chunks_mut().0.as_chunks_mut().0,
+        };
+        let (mut mt, mut ms, mut mr) = (measurement_t.try_readwrite()?, sensor.try_readwrite()?, row.try_readwrite()?);
+        let (mut md, mut mn, mut ma) = (dof.try_readwrite()?, nis.try_readwrite()?, accepted.try_readwrite()?);
+        let (mut mi, mut mis) = (innovation.try_readwrite()?, innovation_sigma.try_readwrite()?);
+        let measured = Measured {
+            t: mt.as_slice_mut()?,
+            sensor: ms.as_slice_mut()?,
+            row: mr.as_slice_mut()?,
+            dof: md.as_slice_mut()?,
+            nis: mn.as_slice_mut()?,
+            accepted: ma.as_slice_mut()?,
+            innovation: mi.as_slice_mut()?.as_chunks_mut().0,
+            innovation_sigma: mis.as_slice_mut()?.as_chunks_mut().0,
+        };
+        let result = py.detach(|| {
+            let began = Instant::now();
+            let mut heard = began;
+            let mut poll = |k: usize| {
+                if heard.elapsed() < POLL {
+                    return Ok(());
                 }
-            })
-            .map_err(|e| {
-                stopped = Some(e);
-                Error::Interrupted
-            })
-        };
-        let sensors = AttitudeSensors::new(&series, setup.gate)?;
-        let start = match given {
-            Some(start) => start,
-            None => first_fix(&gyro, &sensors, bias0, bias_sigma)?,
-        };
-        let began = Instant::now();
-        let solution = run(&filter, &model, &gyro, &sensors, &start, &options, &mut poll)?;
-        let used = solution.used.map(|i| sensors.source(i));
-        Ok((solution, start.t, used, began.elapsed().as_secs_f64()))
-    });
-    if let Some(error) = stopped {
-        return Err(error);
-    }
-    let (solution, t0, used, elapsed) = result.map_err(|e| raise(py, e))?;
-    let out = solution_dict(py, solution)?;
-    out.set_item("t0", t0)?;
-    out.set_item("start_fix", used)?;
+                heard = Instant::now();
+                tell(progress.as_ref(), k, total).map_err(|e| {
+                    stopped = Some(e);
+                    Error::Interrupted
+                })
+            };
+            let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
+            run(&filter, log, &start, &options, columns, measured, &mut poll)
+                .map(|end| (end, began.elapsed().as_secs_f64()))
+        });
+        if let Some(error) = stopped {
+            return Err(error);
+        }
+        result.map_err(|e| raise(py, e))?
+    };
+
+    let out = PyDict::new(py);
+    out.set_item("t", t)?;
+    out.set_item("q", q)?;
+    out.set_item("rate", rate)?;
+    out.set_item("bias", bias)?;
+    out.set_item("sigma", sigma)?;
+    out.set_item("covariance", cov)?;
+    out.set_item("measurement_t", measurement_t)?;
+    out.set_item("sensor", sensor)?;
+    out.set_item("row", row)?;
+    out.set_item("dof", dof)?;
+    out.set_item("nis", nis)?;
+    out.set_item("accepted", accepted)?;
+    out.set_item("innovation", innovation)?;
+    out.set_item("innovation_sigma", innovation_sigma)?;
+    out.set_item("outside", end.outside)?;
+    out.set_item("final_t", end.t)?;
+    out.set_item("final_q", PyArray1::from_slice(py, &end.mean.q))?;
+    out.set_item("final_bias", PyArray1::from_slice(py, &end.mean.bias))?;
+    out.set_item("final_covariance", table(py, as_rows(&end.covariance))?)?;
+    out.set_item("start_fix", start.used.map(|i| sensors.source(i)))?;
     out.set_item("elapsed_s", elapsed)?;
     Ok(out)
 }
 
-fn solution_dict(py: Python<'_>, s: Solution) -> PyResult<Bound<'_, PyDict>> {
-    let out = PyDict::new(py);
-    let Columns { t, q, rate, bias, sigma, covariance } = s.columns;
-    out.set_item("t", PyArray1::from_vec(py, t))?;
-    out.set_item("q", table(py, q)?)?;
-    out.set_item("rate", table(py, rate)?)?;
-    out.set_item("bias", table(py, bias)?)?;
-    out.set_item("sigma", table(py, sigma)?)?;
-    out.set_item("covariance", matrices(py, covariance)?)?;
-    let Measured { t, sensor, row, dof, nis, accepted, innovation, covariance } = s.measured;
-    out.set_item("measurement_t", PyArray1::from_vec(py, t))?;
-    out.set_item("sensor", PyArray1::from_vec(py, sensor))?;
-    out.set_item("row", PyArray1::from_vec(py, row))?;
-    out.set_item("dof", PyArray1::from_vec(py, dof))?;
-    out.set_item("nis", PyArray1::from_vec(py, nis))?;
-    out.set_item("accepted", PyArray1::from_vec(py, accepted))?;
-    out.set_item("innovation", table(py, innovation)?)?;
-    out.set_item("innovation_covariance", matrices(py, covariance)?)?;
-    out.set_item("outside", s.outside)?;
-    out.set_item("final_t", s.t)?;
-    out.set_item("final_q", PyArray1::from_slice(py, &s.mean.q))?;
-    out.set_item("final_bias", PyArray1::from_slice(py, &s.mean.bias))?;
-    out.set_item("final_covariance", table(py, as_rows(&s.covariance))?)?;
-    Ok(out)
+/// Lets Python handle Ctrl-C and hear of the progress.
+fn tell(progress: Option<&Py<PyAny>>, done: usize, total: usize) -> PyResult<()> {
+    Python::attach(|py| {
+        py.check_signals()?;
+        match progress {
+            Some(call) => call.call1(py, (done, total)).map(|_| ()),
+            None => Ok(()),
+        }
+    })
+}
+
+fn column<T: Element>(py: Python<'_>, n: usize) -> Bound<'_, PyArray1<T>> {
+    PyArray1::zeros(py, n, false)
+}
+
+fn table_of(py: Python<'_>, n: usize, width: usize) -> Bound<'_, PyArray2<f64>> {
+    PyArray2::zeros(py, [n, width], false)
 }
 
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {

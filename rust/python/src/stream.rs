@@ -76,10 +76,6 @@ impl AttitudeStream {
     /// Moves to time `t` with the gyro sample `rate` taken then.
     fn predict(&mut self, py: Python<'_>, t: f64, rate: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut rate = three(rate)?;
-        if !(rate[0].is_finite() && rate[1].is_finite() && rate[2].is_finite() && t.is_finite()) {
-            let message = format!("predict: t = {t}, rate = {rate:?} is not finite; leave out a missing gyro sample");
-            return Err(input(py, &message));
-        }
         if let Some(q) = &self.mounting {
             rate = rotate(q, &rate);
         }
@@ -99,10 +95,8 @@ impl AttitudeStream {
         inertial: [f64; 3],
         sigma: f64,
     ) -> PyResult<Update> {
-        let report = self
-            .stream
-            .update_direction(t, &body, &Reference { inertial, sigma })
-            .map_err(|e| raise(py, e))?;
+        let report =
+            self.stream.update_direction(t, &body, &Reference { inertial, sigma }).map_err(|e| raise(py, e))?;
         Ok(Update { report })
     }
 

@@ -5,7 +5,9 @@ use crate::error::{Error, Result};
 use crate::linalg::{Matrix, Vector, block, congruence, dot, from_fn, identity, mul, symmetric};
 use crate::manifold::Family;
 use crate::model::Dynamics;
-use crate::quaternion::{Integrator, angle_coefficients, conjugate, dot3, exp, integrate, quadratic_in_skew, to_matrix};
+use crate::quaternion::{
+    Integrator, angle_coefficients, conjugate, dot3, exp, integrate, quadratic_in_skew, to_matrix,
+};
 use crate::scalar::Real;
 
 /// Rate gyro `ω_measured = ω + b + white noise`, `db/dt = white noise`, and the attitude it drives.
@@ -84,7 +86,11 @@ impl GyroModel {
         Blocks {
             rotation: to_matrix(&conjugate(&exp(&phi))),
             coupling: in_skew(-dt, dt * c1, -(dt * c2)),
-            noise_attitude: in_skew(w3.mul_add(T::splat(1.0 / 3.0), dt * (u.extra + T::splat(arw2))), T::zero(), w3 * c4),
+            noise_attitude: in_skew(
+                w3.mul_add(T::splat(1.0 / 3.0), dt * (u.extra + T::splat(arw2))),
+                T::zero(),
+                w3 * c4,
+            ),
             noise_cross: in_skew(w2 * -0.5, w2 * c2, -(w2 * c3)),
             noise_bias: dt * rrw2,
         }

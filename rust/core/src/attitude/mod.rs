@@ -9,7 +9,7 @@ mod state;
 mod stream;
 
 pub use gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming, Sampling};
-pub use run::{AnyFilter, Columns, Measured, Options, Solution, run};
+pub use run::{AnyFilter, Buffers, Columns, Log, Measured, Options, Rows, rows, run};
 pub use sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
 pub use series::{AttitudeSensor, AttitudeSensors, DirectionSeries, GyroSeries, StarSeries};
 pub use start::first_fix;

@@ -28,7 +28,8 @@ impl Drive<GyroModel, 6> for GyroSeries<'_> {
     }
     #[inline(always)]
     fn input<T: Real>(&self, k: usize) -> GyroInput<T> {
-        let u = self.timing.between(&self.rate[k], &self.rate[k + 1], self.t[k + 1] - self.t[k]);
+        let next = (k + 1).min(self.t.len() - 1);
+        let u = self.timing.between(&self.rate[k], &self.rate[next], self.t[next] - self.t[k]);
         GyroInputs::map(&u, T::splat)
     }
 }

@@ -21,11 +21,7 @@ pub struct AttitudeBias;
 impl Family for AttitudeBias {
     type Of<T: Real> = Attitude<T>;
     #[inline(always)]
-    fn zip<A: Real, B: Real, C: Real>(
-        a: &Attitude<A>,
-        b: &Attitude<B>,
-        mut f: impl FnMut(A, B) -> C,
-    ) -> Attitude<C> {
+    fn zip<A: Real, B: Real, C: Real>(a: &Attitude<A>, b: &Attitude<B>, mut f: impl FnMut(A, B) -> C) -> Attitude<C> {
         Attitude { q: UnitQuaternion::zip(&a.q, &b.q, &mut f), bias: Vector3::zip(&a.bias, &b.bias, &mut f) }
     }
 }
@@ -34,10 +30,7 @@ impl Manifold<6> for AttitudeBias {
     #[inline(always)]
     fn retract<T: Real>(x: &Attitude<T>, d: &Vector<T, 6>) -> Attitude<T> {
         let turn = quaternion::exp(&[d[0], d[1], d[2]]);
-        Attitude {
-            q: quaternion::multiply(&x.q, &turn),
-            bias: [x.bias[0] + d[3], x.bias[1] + d[4], x.bias[2] + d[5]],
-        }
+        Attitude { q: quaternion::multiply(&x.q, &turn), bias: [x.bias[0] + d[3], x.bias[1] + d[4], x.bias[2] + d[5]] }
     }
     #[inline(always)]
     fn local<T: Real>(x: &Attitude<T>, y: &Attitude<T>) -> Vector<T, 6> {

@@ -8,7 +8,7 @@ use super::state::{Attitude, AttitudeBias};
 use crate::belief::{Belief, Gaussian, SqrtGaussian};
 use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, SrUkf, Ukf};
-use crate::linalg::Matrix;
+use crate::linalg::{Matrix, from_fn};
 use crate::manifold::Family;
 use crate::replay::{MAX_DOF, Report};
 use crate::scalar::{Level, Real, Run};
@@ -112,7 +112,7 @@ impl Stream {
     pub fn state(&self) -> (Attitude<f64>, Matrix<f64, 6, 6>) {
         match &self.running {
             Running::Ekf(_, b) | Running::Ukf(_, b) => (b.mean, b.cov),
-            Running::SrUkf(_, b) => (b.mean, b.covariance()),
+            Running::SrUkf(_, b) => (b.mean, self.level.run(Square(b))),
         }
     }
 
@@ -122,6 +122,10 @@ impl Stream {
     /// A time before the state's, a result that is not positive definite; the state is as it was.
     pub fn predict(&mut self, t: f64, rate: &[f64; 3]) -> Result<()> {
         self.in_order("predict", t)?;
+        if let Some(value) = rate.iter().find(|w| !w.is_finite()) {
+            let need = "must be finite; leave out a gyro sample that is missing";
+            return Err(Error::Parameter { field: "rate", value: *value, need });
+        }
         let input = match &self.last {
             Some((before, old)) => self.timing.between(old, rate, t - before),
             // the first sample is all there is to know of the time before it
@@ -174,7 +178,7 @@ impl Stream {
     }
 
     fn in_order(&self, field: &'static str, t: f64) -> Result<()> {
-        if t >= self.t { Ok(()) } else { Err(Error::OutOfOrder { field, t, now: self.t }) }
+        if t >= self.t && t.is_finite() { Ok(()) } else { Err(Error::OutOfOrder { field, t, now: self.t }) }
     }
 
     fn advance(&mut self, t: f64, input: &GyroInput<f64>) -> Result<()> {
@@ -231,7 +235,9 @@ fn step<F: Filter, T: Real<Mask = bool>>(
             Report { ok, ..NOTHING }
         }
         Step::Update(Fix::Star(q, noise), gates) => update_star(filter, belief, q, noise, gates),
-        Step::Update(Fix::Direction(body, reference), gates) => update_direction(filter, belief, body, reference, gates),
+        Step::Update(Fix::Direction(body, reference), gates) => {
+            update_direction(filter, belief, body, reference, gates)
+        }
     };
     report.ok.then_some(report)
 }
@@ -246,5 +252,17 @@ impl<F: Filter> Run for Job<'_, F> {
         let mut belief = F::cast::<AttitudeBias, f64, T, 6>(self.1);
         let report = step(self.0, &mut belief, self.2)?;
         Some((F::cast::<AttitudeBias, T, f64, 6>(&belief), report))
+    }
+}
+
+/// The covariance of a square-root belief, computed as a replay does.
+struct Square<'a>(&'a SqrtGaussian<AttitudeBias, f64, 6>);
+
+impl Run for Square<'_> {
+    type Output = Matrix<f64, 6, 6>;
+    #[inline(always)]
+    fn run<T: Real<Mask = bool>>(self) -> Self::Output {
+        let covariance = SrUkf::cast::<AttitudeBias, f64, T, 6>(self.0).covariance();
+        from_fn(|i, j| covariance[(i, j)].lane(0))
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Filter, cast};
 use crate::belief::{Belief, Gaussian, Outcome};
-use crate::linalg::{add, apply, dot, forward_solve, from_fn, mul, solve_right, symmetric};
+use crate::linalg::{add, apply, dot, from_fn, gain, mul, symmetric};
 use crate::manifold::Manifold;
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::scalar::{Mask, Real};
@@ -56,9 +56,7 @@ impl Filter for Ekf {
 
         let pht = sensor.project::<T, N>(&h, p);
         let covariance = add(&sensor.project::<T, M>(&h, &from_fn(|i, j| pht[(j, i)])), &noise);
-        let (root, gain, factored) = solve_right(&pht, &covariance);
-        let whitened = forward_solve(&root, &innovation);
-        let nis = dot::<T, M>(|i| whitened[i], |i| whitened[i]);
+        let (gain, nis, factored) = gain(&pht, &covariance, &innovation);
 
         // Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, one factor at a time
         let left = from_fn::<T, N, N>(|i, j| p[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| pht[(j, m)]));

@@ -125,9 +125,7 @@ impl<T: Real, const N: usize> Moments<T, N> {
     #[inline(always)]
     pub(crate) fn finish(&self, weight: f64, mean_weight: f64) -> (Vector<T, N>, Matrix<T, N, N>) {
         let mean = total::<T, N>(&self.sum, weight);
-        let cov = symmetric(|i, j| {
-            (mean[i] * mean_weight).mul_add(mean[j], T::total(self.outer[(i, j)]) * weight)
-        });
+        let cov = symmetric(|i, j| (mean[i] * mean_weight).mul_add(mean[j], T::total(self.outer[(i, j)]) * weight));
         (mean, cov)
     }
 }

@@ -1,7 +1,7 @@
 //! Square-root unscented Kalman filter on a manifold.
 
-use super::{Filter, cast};
 use super::sigma::{Unscented, packs, points, total};
+use super::{Filter, cast};
 use crate::belief::{Belief, Outcome, SqrtGaussian};
 use crate::error::Result;
 use crate::linalg::{Matrix, Vector, apply, cholesky, dot, forward_solve, from_fn, mul_t, symmetric, zeros};
@@ -174,8 +174,7 @@ impl Filter for SrUkf {
         // the reset of the small mean deviation, then the noise, both into a triangular factor
         let mut moved = dynamics.noise_factor(&belief.mean, u, t, dt);
         absorb_factor(&mut moved, &D::Space::transport_factor(&centre, &mean, &factor));
-        let new =
-            SqrtGaussian { mean: D::Space::normalise(&D::Space::retract(&centre, &mean)), factor: moved };
+        let new = SqrtGaussian { mean: D::Space::normalise(&D::Space::retract(&centre, &mean)), factor: moved };
         let ok = positive_pivots(&new.factor).and(new.healthy());
         *belief = Belief::select(ok, &new, belief);
         ok

@@ -1,9 +1,9 @@
 //! Unscented Kalman filter on a manifold.
 
-use super::{Filter, cast};
 use super::sigma::{Moments, Unscented, packs, points};
+use super::{Filter, cast};
 use crate::belief::{Belief, Gaussian, Outcome};
-use crate::linalg::{Matrix, add, apply, cholesky, dot, forward_solve, from_fn, solve_right, symmetric, zeros};
+use crate::linalg::{Matrix, add, apply, cholesky, dot, from_fn, gain, symmetric, zeros};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::scalar::{Mask, Real};
@@ -101,9 +101,7 @@ impl Filter for Ukf {
         for i in 0..M {
             innovation[i] -= bias[i];
         }
-        let (s_root, gain, solved) = solve_right(&cross, &covariance);
-        let whitened = forward_solve(&s_root, &innovation);
-        let nis = dot::<T, M>(|i| whitened[i], |i| whitened[i]);
+        let (gain, nis, solved) = gain(&cross, &covariance, &innovation);
         let step = apply(&gain, &innovation);
         let cov = symmetric(|i, j| belief.cov[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| cross[(j, m)]));
         let new = Gaussian {
