@@ -211,8 +211,9 @@ def from_matrix(r: ArrayLike) -> FloatArray:
     m = _numbers(r, "r")
     if m.shape[-2:] != (3, 3):
         raise InputError(f"needs shape (..., 3, 3), got {m.shape}", field="r")
-    off = np.abs(m @ np.swapaxes(m, -1, -2) - np.eye(3)).max(axis=(-2, -1), initial=0.0)
-    bad = ~((off < 1e-6) & (np.linalg.det(m) > 0.0))
+    with np.errstate(all="ignore"):
+        off = np.abs(m @ np.swapaxes(m, -1, -2) - np.eye(3)).max(axis=(-2, -1), initial=0.0)
+        bad = ~((off < 1e-6) & (np.linalg.det(m) > 0.0))
     if np.any(bad):
         row = int(np.argmax(bad.reshape(-1)))
         raise InputError(

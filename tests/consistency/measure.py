@@ -82,19 +82,3 @@ def inside(value: FloatArray, within: tuple[float, float]) -> FloatArray:
 def level(values: FloatArray, dof: int) -> float:
     """Return the probability of a smaller mean than that of these chi-square numbers."""
     return float(chi2.cdf(values.sum(), dof * values.size))
-
-
-def report(values: FloatArray, dof: int) -> dict[str, float]:
-    """Return the figures that a consistency test looks at, of values (trials, epochs)."""
-    trials, epochs = values.shape
-    averaged = values.mean(axis=0)
-    return {
-        "mean": float(values.mean()),
-        "low": bounds(0.999, dof, values.size)[0],
-        "high": bounds(0.999, dof, values.size)[1],
-        "inside_95": float(np.mean(inside(averaged, bounds(0.95, dof, trials)))),
-        "inside_999": float(np.mean(inside(averaged, bounds(0.999, dof, trials)))),
-        "worst_inside": float(
-            np.all(inside(averaged, bounds(1.0 - 1e-3 / epochs, dof, trials)))
-        ),
-    }

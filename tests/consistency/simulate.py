@@ -1,11 +1,11 @@
 """Many seeded trials of a gyro with star cameras or direction sensors, vectorised over the trials.
 
-The truth is the continuous model itself. Over step ``k`` the gyro reports ``w_k + b_k``, with ``b_k``
-the bias when the step begins. The body turns at ``w_k + b_k - b(t) - n(t)``: ``n`` is white noise of
-density ``arw`` and the bias ``b(t)`` walks on inside the step with density ``rrw``. So the attitude
-moves by ``exp(w_k dt)``, then by ``exp(d_k)``, and the bias by ``e_k``, where ``(d_k, e_k)`` is normal
-with the covariance that `discretise` takes from a matrix exponential, correlation and rotation
-included. Nothing here shares a formula with the core.
+The truth is the continuous model itself. Over step ``k`` the gyro reports ``w_k + b_k``, with
+``b_k`` the bias when the step begins. The body turns at ``w_k + b_k - b(t) - n(t)``: ``n`` is white
+noise of density ``arw`` and the bias ``b(t)`` walks on inside the step with density ``rrw``. So the
+attitude moves by ``exp(w_k dt)``, then by ``exp(d_k)``, and the bias by ``e_k``. ``(d_k, e_k)`` is
+normal with the covariance that `discretise` takes from a matrix exponential, correlation and
+rotation included. Nothing here shares a formula with the core.
 """
 
 from __future__ import annotations
@@ -21,9 +21,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 FloatArray: TypeAlias = NDArray[np.float64]
-Discretise: TypeAlias = Callable[
-    [FloatArray, float, float, float], "tuple[FloatArray, FloatArray]"
-]
+Discretise: TypeAlias = Callable[[FloatArray, float, float, float], "tuple[FloatArray, FloatArray]"]
 
 
 def multiply(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -63,7 +61,7 @@ def discretise(
 ) -> tuple[FloatArray, FloatArray]:
     """Return transition and noise (..., 6, 6) over steps at constant body rate, by Van Loan (1978).
 
-    In units in which the noise is of order one: attitude in ``arw sqrt(dt)``, bias in that per ``dt``.
+    Computed in units in which the noise is of order one, or the exponential would lose it.
     """
     unit = max(arw * np.sqrt(dt), rrw * dt**1.5)
     units = np.repeat([unit, unit / dt], 3)

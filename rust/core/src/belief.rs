@@ -16,6 +16,17 @@ pub trait Belief<S: Manifold<N>, T: Real, const N: usize>: Copy {
     fn variance(&self) -> Vector<T, N>;
     /// `yes` where the mask is true, `no` elsewhere.
     fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self;
+    /// True where the state and all variances are finite. Enough after a prediction, which cannot make
+    /// a variance negative.
+    #[inline(always)]
+    fn finite(&self) -> T::Mask {
+        let mut nothing = S::finite(self.mean());
+        for v in self.variance() {
+            nothing = v.mul_add(T::zero(), nothing);
+        }
+        // zero, or not a number
+        nothing.gt(T::splat(-1.0))
+    }
     /// True where state and covariance are finite and every variance is positive.
     #[inline(always)]
     fn healthy(&self) -> T::Mask {

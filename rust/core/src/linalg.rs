@@ -17,13 +17,16 @@ pub fn zeros<T: Real, const R: usize, const C: usize>() -> Matrix<T, R, C> {
 /// Matrix from its entries.
 #[inline(always)]
 pub fn from_fn<T: Real, const R: usize, const C: usize>(mut entry: impl FnMut(usize, usize) -> T) -> Matrix<T, R, C> {
-    let mut m = zeros();
-    for j in 0..C {
-        for i in 0..R {
-            m[(i, j)] = entry(i, j);
-        }
-    }
-    m
+    // not by overwriting zeros: the compiler keeps the memset of the larger sizes
+    Matrix::from_array_storage(nalgebra::ArrayStorage(std::array::from_fn(
+        #[inline(always)]
+        |j| {
+            std::array::from_fn(
+                #[inline(always)]
+                |i| entry(i, j),
+            )
+        },
+    )))
 }
 
 /// Symmetric matrix from its lower triangle.
@@ -108,6 +111,27 @@ pub fn block<T: Real, const N: usize, const M: usize, const R: usize, const C: u
     j0: usize,
 ) -> Matrix<T, R, C> {
     from_fn(|i, j| p[(i0 + i, j0 + j)])
+}
+
+/// Writes a block whose first entry comes to `(i0, j0)`.
+#[inline(always)]
+pub fn set_block<T: Real, const N: usize, const M: usize, const R: usize, const C: usize>(
+    m: &mut Matrix<T, N, M>,
+    i0: usize,
+    j0: usize,
+    b: &Matrix<T, R, C>,
+) {
+    for j in 0..C {
+        for i in 0..R {
+            m[(i0 + i, j0 + j)] = b[(i, j)];
+        }
+    }
+}
+
+/// Transpose.
+#[inline(always)]
+pub fn transpose<T: Real, const R: usize, const C: usize>(a: &Matrix<T, R, C>) -> Matrix<T, C, R> {
+    from_fn(|i, j| a[(j, i)])
 }
 
 /// `[v]×`, the matrix with `[v]× u = v × u`.

@@ -4,7 +4,7 @@
 //! radians and acts on the right, `q ⊗ exp(δθ/2)`. Formulas: Solà, *Quaternion kinematics for the
 //! error-state Kalman filter*, 2017 (arXiv:1711.02508), equation numbers below.
 
-use crate::linalg::{Matrix, Vector, from_fn, skew, zeros};
+use crate::linalg::{Matrix, Vector, zeros};
 use crate::scalar::{Mask, Real};
 
 /// A quaternion `(w, x, y, z)`.
@@ -282,14 +282,15 @@ fn angle_coefficients_large<T: Real>(theta2: T) -> [T; 4] {
 /// Right Jacobian of the rotation group: `exp(v + d) ≈ exp(v) ⊗ exp(J d)` (Solà eq. 183).
 #[inline(always)]
 pub fn right_jacobian<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
-    let theta2 = dot3(v, v);
-    let [c1, c2, _, _] = angle_coefficients(theta2);
-    quadratic_in_skew(v, theta2, T::one(), -c1, c2)
+    let skew = InSkew::new(v);
+    let [c1, c2, _, _] = angle_coefficients(skew.theta2());
+    skew.matrix(T::one(), -c1, c2)
 }
 
 /// Inverse of the right Jacobian (Solà eq. 184), for `|v| < 2π`.
 pub fn right_jacobian_inverse(v: &Vector<f64, 3>) -> Matrix<f64, 3, 3> {
-    let theta2 = dot3(v, v);
+    let skew = InSkew::new(v);
+    let theta2 = skew.theta2();
     let k = if theta2 < 1e-2 {
         theta2.poly([1.0 / 1_209_600.0, 1.0 / 30_240.0, 1.0 / 720.0, 1.0 / 12.0])
     } else {
@@ -297,18 +298,56 @@ pub fn right_jacobian_inverse(v: &Vector<f64, 3>) -> Matrix<f64, 3, 3> {
         let t = theta2.sqrt();
         (1.0 - 0.5 * t * (0.5 * t).cos() / (0.5 * t).sin()) / theta2
     };
-    quadratic_in_skew(v, theta2, 1.0, 0.5, k)
+    skew.matrix(1.0, 0.5, k)
 }
 
-/// `a I + b [v]× + c [v]×²`, with `[v]×² = v vᵀ − θ² I`.
-#[inline(always)]
-pub(crate) fn quadratic_in_skew<T: Real>(v: &Vector<T, 3>, theta2: T, a: T, b: T, c: T) -> Matrix<T, 3, 3> {
-    let s = skew(v);
-    let diagonal = a - c * theta2;
-    from_fn(|i, j| {
-        let outer = c * v[i] * v[j];
-        if i == j { diagonal + outer } else { b.mul_add(s[(i, j)], outer) }
-    })
+/// Matrices `a I + b [v]× + c [v]×²` of one vector, with `[v]×² = v vᵀ − θ² I`: products are shared.
+pub(crate) struct InSkew<T: Real> {
+    v: Vector<T, 3>,
+    theta2: T,
+    /// `v vᵀ` as `(xx, xy, xz, yy, yz, zz)`.
+    outer: [T; 6],
+}
+
+impl<T: Real> InSkew<T> {
+    #[inline(always)]
+    pub(crate) fn new(v: &Vector<T, 3>) -> Self {
+        let outer = [v[0] * v[0], v[0] * v[1], v[0] * v[2], v[1] * v[1], v[1] * v[2], v[2] * v[2]];
+        Self { v: *v, theta2: outer[0] + outer[3] + outer[5], outer }
+    }
+    /// Squared length of the vector.
+    #[inline(always)]
+    pub(crate) fn theta2(&self) -> T {
+        self.theta2
+    }
+    /// `a I + c [v]×²`
+    #[inline(always)]
+    pub(crate) fn even(&self, a: T, c: T) -> Matrix<T, 3, 3> {
+        let diagonal = (-c).mul_add(self.theta2, a);
+        let [xx, xy, xz, yy, yz, zz] = self.outer;
+        let (xy, xz, yz) = (c * xy, c * xz, c * yz);
+        let mut m = zeros();
+        m[(0, 0)] = c.mul_add(xx, diagonal);
+        m[(1, 1)] = c.mul_add(yy, diagonal);
+        m[(2, 2)] = c.mul_add(zz, diagonal);
+        (m[(0, 1)], m[(1, 0)]) = (xy, xy);
+        (m[(0, 2)], m[(2, 0)]) = (xz, xz);
+        (m[(1, 2)], m[(2, 1)]) = (yz, yz);
+        m
+    }
+    /// `a I + b [v]× + c [v]×²`
+    #[inline(always)]
+    pub(crate) fn matrix(&self, a: T, b: T, c: T) -> Matrix<T, 3, 3> {
+        let mut m = self.even(a, c);
+        let [x, y, z] = [b * self.v[0], b * self.v[1], b * self.v[2]];
+        m[(0, 1)] -= z;
+        m[(1, 0)] += z;
+        m[(0, 2)] += y;
+        m[(2, 0)] -= y;
+        m[(1, 2)] -= x;
+        m[(2, 1)] += x;
+        m
+    }
 }
 
 /// Integrator of the attitude kinematics over one step of constant body rate.

@@ -2,12 +2,12 @@
 
 use super::state::{Attitude, AttitudeBias};
 use crate::error::{Error, Result};
-use crate::linalg::{Matrix, Vector, block, congruence, dot, from_fn, identity, mul, symmetric};
+use crate::linalg::{
+    Matrix, Vector, block, congruence, dot, from_fn, identity, mul, set_block, symmetric, transpose, zeros,
+};
 use crate::manifold::Family;
 use crate::model::Dynamics;
-use crate::quaternion::{
-    Integrator, angle_coefficients, conjugate, dot3, exp, integrate, quadratic_in_skew, to_matrix,
-};
+use crate::quaternion::{InSkew, Integrator, angle_coefficients, conjugate, exp, integrate, to_matrix};
 use crate::scalar::Real;
 
 /// Rate gyro `ω_measured = ω + b + white noise`, `db/dt = white noise`, and the attitude it drives.
@@ -78,20 +78,15 @@ impl GyroModel {
     #[inline(always)]
     fn blocks<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, dt: T) -> Blocks<T> {
         let phi = rotation_vector(x, u, dt);
-        let theta2 = dot3(&phi, &phi);
-        let [c1, c2, c3, c4] = angle_coefficients(theta2);
+        let skew = InSkew::new(&phi);
+        let [c1, c2, c3, c4] = angle_coefficients(skew.theta2());
         let (arw2, rrw2) = (self.arw * self.arw, self.rrw * self.rrw);
         let (w2, w3) = (dt * dt * rrw2, dt * dt * dt * rrw2);
-        let in_skew = |a: T, b: T, c: T| quadratic_in_skew(&phi, theta2, a, b, c);
         Blocks {
             rotation: to_matrix(&conjugate(&exp(&phi))),
-            coupling: in_skew(-dt, dt * c1, -(dt * c2)),
-            noise_attitude: in_skew(
-                w3.mul_add(T::splat(1.0 / 3.0), dt * (u.extra + T::splat(arw2))),
-                T::zero(),
-                w3 * c4,
-            ),
-            noise_cross: in_skew(w2 * -0.5, w2 * c2, -(w2 * c3)),
+            coupling: skew.matrix(-dt, dt * c1, -(dt * c2)),
+            noise_attitude: skew.even(w3.mul_add(T::splat(1.0 / 3.0), dt * (u.extra + T::splat(arw2))), w3 * c4),
+            noise_cross: skew.matrix(w2 * -0.5, w2 * c2, -(w2 * c3)),
             noise_bias: dt * rrw2,
         }
     }
@@ -124,25 +119,22 @@ impl Dynamics<6> for GyroModel {
     fn transition<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, _t: T, dt: T) -> Matrix<T, 6, 6> {
         let b = self.blocks(x, u, dt);
         let mut f = identity();
-        for i in 0..3 {
-            for j in 0..3 {
-                f[(i, j)] = b.rotation[(i, j)];
-                f[(i, j + 3)] = b.coupling[(i, j)];
-            }
-        }
+        set_block(&mut f, 0, 0, &b.rotation);
+        set_block(&mut f, 0, 3, &b.coupling);
         f
     }
 
     #[inline(always)]
     fn noise<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, _t: T, dt: T) -> Matrix<T, 6, 6> {
         let b = self.blocks(x, u, dt);
-        from_fn(|i, j| match (i < 3, j < 3) {
-            (true, true) => b.noise_attitude[(i, j)],
-            (true, false) => b.noise_cross[(i, j - 3)],
-            (false, true) => b.noise_cross[(j, i - 3)],
-            (false, false) if i == j => b.noise_bias,
-            (false, false) => T::zero(),
-        })
+        let mut q = zeros();
+        set_block(&mut q, 0, 0, &b.noise_attitude);
+        set_block(&mut q, 0, 3, &b.noise_cross);
+        set_block(&mut q, 3, 0, &transpose(&b.noise_cross));
+        for i in 3..6 {
+            q[(i, i)] = b.noise_bias;
+        }
+        q
     }
 
     /// `F P Fᵀ + Q` in 3×3 blocks; the rotation of the step serves mean and covariance.
@@ -168,13 +160,13 @@ impl Dynamics<6> for GyroModel {
             attitude[(i, j)] + b.noise_attitude[(i, j)] + added
         });
         let cross: Matrix<T, 3, 3> = from_fn(|i, j| rotated[(i, j)] + coupled[(i, j)] + b.noise_cross[(i, j)]);
-        let cov = from_fn(|i, j| match (i < 3, j < 3) {
-            (true, true) => attitude[(i, j)],
-            (true, false) => cross[(i, j - 3)],
-            (false, true) => cross[(j, i - 3)],
-            (false, false) if i == j => p[(i, j)] + b.noise_bias,
-            (false, false) => p[(i, j)],
-        });
+        let mut cov = *p;
+        set_block(&mut cov, 0, 0, &attitude);
+        set_block(&mut cov, 0, 3, &cross);
+        set_block(&mut cov, 3, 0, &transpose(&cross));
+        for i in 3..6 {
+            cov[(i, i)] += b.noise_bias;
+        }
         (self.step(x, u, t, dt), cov)
     }
 }

@@ -1,6 +1,6 @@
 //! Attitude and gyro bias.
 
-use crate::linalg::{Matrix, Vector, block, congruence, from_fn, identity, mul};
+use crate::linalg::{Matrix, Vector, block, congruence, identity, mul, set_block, transpose};
 use crate::manifold::{Family, Manifold};
 use crate::quaternion::{self, Quaternion, right_jacobian};
 use crate::scalar::{Mask, Real};
@@ -45,11 +45,7 @@ impl Manifold<6> for AttitudeBias {
     fn reset<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>) -> Matrix<T, 6, 6> {
         let turn = right_jacobian(&[d[0], d[1], d[2]]);
         let mut j = identity();
-        for r in 0..3 {
-            for c in 0..3 {
-                j[(r, c)] = turn[(r, c)];
-            }
-        }
+        set_block(&mut j, 0, 0, &turn);
         j
     }
     #[inline(always)]
@@ -57,18 +53,19 @@ impl Manifold<6> for AttitudeBias {
         let turn = right_jacobian(&[d[0], d[1], d[2]]);
         let attitude = congruence(&turn, &block(p, 0, 0));
         let cross: Matrix<T, 3, 3> = mul(&turn, &block::<T, 6, 6, 3, 3>(p, 0, 3));
-        from_fn(|i, j| match (i < 3, j < 3) {
-            (true, true) => attitude[(i, j)],
-            (true, false) => cross[(i, j - 3)],
-            (false, true) => cross[(j, i - 3)],
-            (false, false) => p[(i, j)],
-        })
+        let mut out = *p;
+        set_block(&mut out, 0, 0, &attitude);
+        set_block(&mut out, 0, 3, &cross);
+        set_block(&mut out, 3, 0, &transpose(&cross));
+        out
     }
     #[inline(always)]
     fn transport_factor<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>, l: &Matrix<T, 6, 6>) -> Matrix<T, 6, 6> {
         let turn = right_jacobian(&[d[0], d[1], d[2]]);
         let top: Matrix<T, 3, 6> = mul(&turn, &block::<T, 6, 6, 3, 6>(l, 0, 0));
-        from_fn(|i, j| if i < 3 { top[(i, j)] } else { l[(i, j)] })
+        let mut out = *l;
+        set_block(&mut out, 0, 0, &top);
+        out
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Filter, cast};
 use crate::belief::{Belief, Gaussian, Outcome};
-use crate::linalg::{add, apply, dot, from_fn, gain, mul, symmetric};
+use crate::linalg::{add, apply, dot, from_fn, gain, symmetric, transpose};
 use crate::manifold::Manifold;
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::scalar::{Mask, Real};
@@ -34,7 +34,7 @@ impl Filter for Ekf {
     ) -> T::Mask {
         let (mean, cov) = dynamics.propagate(&belief.mean, &belief.cov, u, t, dt);
         let new = Gaussian { mean, cov };
-        let ok = new.healthy();
+        let ok = new.finite();
         *belief = Belief::select(ok, &new, belief);
         ok
     }
@@ -55,14 +55,19 @@ impl Filter for Ekf {
         let innovation = sensor.residual(z, &sensor.predict(x, given));
 
         let pht = sensor.project::<T, N>(&h, p);
-        let covariance = add(&sensor.project::<T, M>(&h, &from_fn(|i, j| pht[(j, i)])), &noise);
+        let hpht = sensor.project::<T, M>(&h, &transpose(&pht));
+        let covariance = add(&hpht, &noise);
         let (gain, nis, factored) = gain(&pht, &covariance, &innovation);
 
-        // Joseph's form, (I − K H) P (I − K H)ᵀ + K R Kᵀ, one factor at a time
-        let left = from_fn::<T, N, N>(|i, j| p[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| pht[(j, m)]));
-        let lht = sensor.project::<T, N>(&h, &left);
-        let kr = mul(&gain, &noise);
-        let joseph = symmetric(|i, j| left[(i, j)] - dot::<T, M>(|m| lht[(i, m)] - kr[(i, m)], |m| gain[(j, m)]));
+        // Joseph's form (I − K H) P (I − K H)ᵀ + K R Kᵀ, multiplied out one factor at a time. Signal and
+        // noise part of the innovation covariance stay apart: their sum has lost a small R beside a
+        // large H P Hᵀ, and with it the variance that is left.
+        let signal = from_fn::<T, N, M>(|i, m| pht[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| hpht[(k, m)]));
+        let rest = from_fn::<T, N, M>(|i, m| signal[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| noise[(k, m)]));
+        let joseph = symmetric(|i, j| {
+            let once = p[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| pht[(j, m)]);
+            once - dot::<T, M>(|m| rest[(i, m)], |m| gain[(j, m)])
+        });
 
         let step = apply(&gain, &innovation);
         let new = Gaussian {

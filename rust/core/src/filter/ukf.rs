@@ -59,7 +59,7 @@ impl Filter for Ukf {
             mean: D::Space::normalise(&D::Space::retract(&centre, &mean)),
             cov: add(&D::Space::transport(&centre, &mean, &cov), &dynamics.noise(&belief.mean, u, t, dt)),
         };
-        let ok = factored.and(new.healthy());
+        let ok = factored.and(new.finite());
         *belief = Belief::select(ok, &new, belief);
         ok
     }
