@@ -241,6 +241,22 @@ def _check_norm(
     raise InputError(message, field=field, row=row, value=v[k])
 
 
+def directions(v: FloatArray, field: str) -> FloatArray:
+    """Scale vectors (n, 3) by powers of two so that no square over- or underflows.
+
+    Raises
+    ------
+    InputError
+        Names the first row that is zero or not finite.
+    """
+    largest = np.abs(v).max(axis=1, initial=0.0)
+    bad = ~((largest > 0.0) & np.isfinite(largest))
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError("has no direction", field=field, row=row, value=v[row])
+    return np.asarray(np.ldexp(v, -np.frexp(largest)[1][:, None]))
+
+
 def quaternion(value: Any, field: str, *, scalar_first: bool = True) -> FloatArray:
     """Return unrestricted quaternions (..., 4), scalar first, of an array or a scipy Rotation."""
     as_quat = getattr(value, "as_quat", None)

@@ -69,6 +69,7 @@ def replay(
     portable: bool,
     progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]: ...
+
 @final
 class Update:
     @property

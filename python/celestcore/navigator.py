@@ -14,6 +14,7 @@ from celestcore._check import (
     QUATERNION_HINT,
     array,
     covariances,
+    directions,
     number,
     quaternion,
     unit_rows,
@@ -168,6 +169,8 @@ class StarGyroNavigator:
         gyro = _checked(log, "log", SensorLog).gyro
         if gyro is None:
             raise InputError("the log has no gyro table; it has " + ", ".join(log.tables))
+        if progress is not None and not callable(progress):
+            raise InputError("must be callable as progress(done, total)", field="progress")
         names, sensors = self._sensors(log)
         max_gap = self._max_gap(gyro.t)
         out = _core.replay(
@@ -482,8 +485,9 @@ class StarGyroState(_core.AttitudeStream):
         given = own.sigma if sigma is None and own is not None else sigma
         noise = number(given, "sigma", above=0.0)
         plain = own if own is not None else VectorSensor(noise)
-        b = plain.to_body(np.reshape(_three(body, "body"), (1, 3)))[0]
-        i = VectorSensor(noise).to_body(np.reshape(_three(inertial, "inertial"), (1, 3)))[0]
+        b = plain.to_body(directions(array(body, "body", (3,))[None], "body"))[0]
+        i = directions(array(inertial, "inertial", (3,))[None], "inertial")[0]
+        i /= np.linalg.norm(i)
         return self.update_vector(number(t, "t"), b.tolist(), i.tolist(), noise)
 
     @property
@@ -528,7 +532,8 @@ def _checked(value: Any, field: str, *kinds: type) -> Any:
     if isinstance(value, kinds):
         return value
     known = " or ".join(f"{kind.__name__}(...)" for kind in kinds)
-    raise InputError(f"must be {known}", field=field, value=value)
+    shown = value if isinstance(value, str | int | float) else type(value).__name__
+    raise InputError(f"must be {known}", field=field, value=shown)
 
 
 def _each(value: Any, field: str, kind: type) -> Any:
@@ -579,11 +584,13 @@ def _positive(value: ArrayLike, field: str) -> FloatArray:
 
 def _sigma0(sigma0: Sigma0) -> FloatArray:
     """Return the start's 1-sigma values (6,): attitude [rad], bias [rad/s]."""
-    if not isinstance(sigma0, Sequence | np.ndarray) or len(sigma0) != 2:
+    pair = isinstance(sigma0, Sequence | np.ndarray) and np.size(sigma0) > 1
+    if not pair or len(sigma0) != 2:
         raise InputError("needs (attitude [rad], bias [rad/s])", field="sigma0", value=sigma0)
     return np.concatenate([_positive(part, "sigma0") for part in sigma0])
 
 
 def _covariance(sigma0: Sigma0) -> FloatArray:
     sigma = _sigma0(sigma0)
-    return np.diag(sigma * sigma)
+    with np.errstate(over="ignore"):  # the core refuses what is not finite
+        return np.diag(sigma * sigma)

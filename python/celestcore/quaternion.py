@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from celestcore import _core
-from celestcore._check import array
+from celestcore._check import array, directions
 from celestcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -340,18 +340,8 @@ def shortest_rotation(a: ArrayLike, b: ArrayLike) -> FloatArray:
     array([0.707107, 0.      , 0.      , 0.707107])
     """
     (x, y), shape = _stacks(("a", a, 3), ("b", b, 3))
-    x, y = _directions(x, "a"), _directions(y, "b")
+    x, y = directions(x, "a"), directions(y, "b")
     return np.asarray(_core.quat_shortest_rotation(x, y)).reshape(*shape, 4)
-
-
-def _directions(v: FloatArray, name: str) -> FloatArray:
-    """Scale vectors (n, 3) by powers of two so that no square over- or underflows."""
-    largest = np.abs(v).max(axis=1, initial=0.0)
-    bad = ~((largest > 0.0) & np.isfinite(largest))
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise InputError("has no direction", field=name, row=row, value=v[row])
-    return np.asarray(np.ldexp(v, -np.frexp(largest)[1][:, None]))
 
 
 def continuous(q: QuaternionLike) -> FloatArray:

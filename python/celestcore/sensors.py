@@ -17,6 +17,7 @@ from celestcore._check import (
     FloatArray,
     array,
     covariances,
+    directions,
     mounting,
     number,
     quaternion,
@@ -215,7 +216,8 @@ class StarCamera:
             If neither the fixes nor the camera have noise.
         """
         q_ic = quaternion(q, "star.q")
-        variances = self._covariance(len(q_ic), sigma, covariance)
+        with np.errstate(all="ignore"):  # the core refuses noise that is not finite
+            noise = self._noise(len(q_ic), sigma, covariance)
         if self.mounting is None:
             q_ib = q_ic
         else:
@@ -223,10 +225,13 @@ class StarCamera:
 
             q_bc = np.asarray(self.mounting, dtype=np.float64)
             q_ib = np.ascontiguousarray(multiply(q_ic, conjugate(q_bc)))
+        return q_ib, np.array(np.broadcast_to(noise, (len(q_ic), 6)), order="C")
+
+    def _noise(self, n: int, sigma: ArrayLike | None, covariance: ArrayLike | None) -> FloatArray:
+        """Noise in the body frame, packed (n, 6); (1, 6) if always the same."""
+        variances = self._covariance(n, sigma, covariance)
         stored = cast("tuple[float, ...] | None", self.mounting)  # since __post_init__
-        turned = variances.reshape(-1, 9) @ _packed_rotation(stored)
-        noise = np.broadcast_to(turned, (len(q_ic), 6))
-        return q_ib, np.array(noise, order="C")
+        return np.asarray(variances.reshape(-1, 9) @ _packed_rotation(stored))
 
     def _covariance(
         self, n: int, sigma: ArrayLike | None, covariance: ArrayLike | None
@@ -306,12 +311,8 @@ class VectorSensor:
 
     def to_body(self, b: ArrayLike) -> FloatArray:
         """Return measured directions (n, 3) of the sensor frame as unit vectors of the body."""
-        v = array(b, "vector.body", (None, 3))
+        v = directions(array(b, "vector.body", (None, 3)), "vector.body")
         if self.mounting is not None:
             v = v @ _matrix(self.mounting).T
-        norm = np.linalg.norm(v, axis=1)
-        bad = ~(norm > 0.0)
-        if bad.any():
-            row = int(np.argmax(bad))
-            raise InputError("has no direction", field="vector.body", row=row, value=v[row])
-        return unit_rows(v / norm[:, None], "vector.body", what="vector", hint="")
+        v /= np.linalg.norm(v, axis=1, keepdims=True)
+        return unit_rows(v, "vector.body", what="vector", hint="")

@@ -1,6 +1,7 @@
 //! `celestcore._core`: numpy arrays in, numpy arrays out. Everything is computed in
 //! `celestcore-core`; documentation for users stands in the Python package.
 
+mod columns;
 mod convert;
 mod errors;
 mod quaternions;

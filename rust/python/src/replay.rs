@@ -1,17 +1,18 @@
 //! A whole log in one call.
 
+use crate::columns::Arrays;
 use crate::convert::{Array, as_rows, flat, matrix6, rows, table};
 use crate::errors::{input, raise};
 use crate::quaternions::integrator;
 use celestcore_core::Error;
 use celestcore_core::attitude::{
-    AnyFilter, Attitude, AttitudeSensor, AttitudeSensors, Columns, DirectionSeries, GyroModel, GyroSeries, GyroTiming,
-    Log, Measured, Options, Sampling, StarSeries, first_fix, rows as rows_of, run,
+    AnyFilter, Attitude, AttitudeSensor, AttitudeSensors, DirectionSeries, GyroModel, GyroSeries, GyroTiming, Log,
+    Options, Sampling, StarSeries, first_fix, rows as rows_of, run,
 };
 use celestcore_core::filter::{Ekf, SrUkf, Ukf, Unscented};
-use celestcore_core::replay::{MAX_DOF, Output, Start};
+use celestcore_core::replay::{Output, Start};
 use celestcore_core::scalar::Level;
-use numpy::{Element, PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::time::{Duration, Instant};
@@ -131,8 +132,8 @@ fn replay<'py>(
     let (filter, model) = (setup.filter(py)?, setup.model(py)?);
     let gyro =
         GyroSeries { t: flat(&gyro_t, "gyro time")?, rate: rows(&gyro_rate, "gyro rates")?, timing: setup.timing(py)? };
-    let arrays = sensors.iter().map(Sensor::new).collect::<PyResult<Vec<_>>>()?;
-    let series = arrays.iter().map(Sensor::series).collect::<PyResult<Vec<_>>>()?;
+    let borrowed = sensors.iter().map(Sensor::new).collect::<PyResult<Vec<_>>>()?;
+    let series = borrowed.iter().map(Sensor::series).collect::<PyResult<Vec<_>>>()?;
     let given = match &start {
         Some((t, q, p)) => Some(Start {
             t: *t,
@@ -152,78 +153,23 @@ fn replay<'py>(
     .map_err(|e| raise(py, e))?;
     let rows = rows_of(&gyro, &sensors, &start, options.output).map_err(|e| raise(py, e))?;
 
-    // numpy's own memory: the core writes where Python will read
-    let [t, measurement_t, nis] = [rows.output, rows.measured, rows.measured].map(|n| column::<f64>(py, n));
-    let [sensor, row, dof] = [(); 3].map(|()| column::<i32>(py, rows.measured));
-    let accepted = column::<bool>(py, rows.measured);
-    let [q, rate, bias, sigma] = [4, 3, 3, 6].map(|width| table_of(py, rows.output, width));
-    let [innovation, innovation_sigma] = [(); 2].map(|()| table_of(py, rows.measured, MAX_DOF));
-    let cov = PyArray3::<f64>::zeros(py, [if covariance { rows.output } else { 0 }, 6, 6], false);
-
-    let total = gyro.t.len();
-    let mut stopped: Option<PyErr> = None;
-    let (end, elapsed) = {
-        let (mut t, mut q, mut rate) = (t.try_readwrite()?, q.try_readwrite()?, rate.try_readwrite()?);
-        let (mut bias, mut sigma, mut cov) = (bias.try_readwrite()?, sigma.try_readwrite()?, cov.try_readwrite()?);
-        let columns = Columns {
-            t: t.as_slice_mut()?,
-            q: q.as_slice_mut()?.as_chunks_mut().0,
-            rate: rate.as_slice_mut()?.as_chunks_mut().0,
-            bias: bias.as_slice_mut()?.as_chunks_mut().0,
-            sigma: sigma.as_slice_mut()?.as_chunks_mut().0,
-            covariance: cov.as_slice_mut()?.as_chunks_mut().0.as_chunks_mut().0,
-        };
-        let (mut mt, mut ms, mut mr) = (measurement_t.try_readwrite()?, sensor.try_readwrite()?, row.try_readwrite()?);
-        let (mut md, mut mn, mut ma) = (dof.try_readwrite()?, nis.try_readwrite()?, accepted.try_readwrite()?);
-        let (mut mi, mut mis) = (innovation.try_readwrite()?, innovation_sigma.try_readwrite()?);
-        let measured = Measured {
-            t: mt.as_slice_mut()?,
-            sensor: ms.as_slice_mut()?,
-            row: mr.as_slice_mut()?,
-            dof: md.as_slice_mut()?,
-            nis: mn.as_slice_mut()?,
-            accepted: ma.as_slice_mut()?,
-            innovation: mi.as_slice_mut()?.as_chunks_mut().0,
-            innovation_sigma: mis.as_slice_mut()?.as_chunks_mut().0,
-        };
-        let result = py.detach(|| {
+    let arrays = Arrays::new(py, rows, covariance);
+    let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
+    let mut listener = Listener { progress, total: gyro.t.len(), heard: Instant::now(), stopped: None };
+    let (end, elapsed) = arrays.write(|columns, measured| {
+        let listener = &mut listener;
+        py.detach(|| {
             let began = Instant::now();
-            let mut heard = began;
-            let mut poll = |k: usize| {
-                if heard.elapsed() < POLL {
-                    return Ok(());
-                }
-                heard = Instant::now();
-                tell(progress.as_ref(), k, total).map_err(|e| {
-                    stopped = Some(e);
-                    Error::Interrupted
-                })
-            };
-            let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
-            run(&filter, log, &start, &options, columns, measured, &mut poll)
-                .map(|end| (end, began.elapsed().as_secs_f64()))
-        });
-        if let Some(error) = stopped {
-            return Err(error);
-        }
-        result.map_err(|e| raise(py, e))?
-    };
-
-    let out = PyDict::new(py);
-    out.set_item("t", t)?;
-    out.set_item("q", q)?;
-    out.set_item("rate", rate)?;
-    out.set_item("bias", bias)?;
-    out.set_item("sigma", sigma)?;
-    out.set_item("covariance", cov)?;
-    out.set_item("measurement_t", measurement_t)?;
-    out.set_item("sensor", sensor)?;
-    out.set_item("row", row)?;
-    out.set_item("dof", dof)?;
-    out.set_item("nis", nis)?;
-    out.set_item("accepted", accepted)?;
-    out.set_item("innovation", innovation)?;
-    out.set_item("innovation_sigma", innovation_sigma)?;
+            let mut poll = |k: usize| listener.poll(k);
+            let end = run(&filter, log, &start, &options, columns, measured, &mut poll);
+            (end, began.elapsed().as_secs_f64())
+        })
+    })?;
+    if let Some(error) = listener.stopped {
+        return Err(error);
+    }
+    let end = end.map_err(|e| raise(py, e))?;
+    let out = arrays.into_dict(py)?;
     out.set_item("outside", end.outside)?;
     out.set_item("final_t", end.t)?;
     out.set_item("final_q", PyArray1::from_slice(py, &end.mean.q))?;
@@ -234,23 +180,32 @@ fn replay<'py>(
     Ok(out)
 }
 
-/// Lets Python handle Ctrl-C and hear of the progress.
-fn tell(progress: Option<&Py<PyAny>>, done: usize, total: usize) -> PyResult<()> {
-    Python::attach(|py| {
-        py.check_signals()?;
-        match progress {
-            Some(call) => call.call1(py, (done, total)).map(|_| ()),
-            None => Ok(()),
+/// Lets Python handle Ctrl-C and hear of the progress while a run goes on without it.
+struct Listener {
+    progress: Option<Py<PyAny>>,
+    total: usize,
+    heard: Instant,
+    stopped: Option<PyErr>,
+}
+
+impl Listener {
+    fn poll(&mut self, done: usize) -> celestcore_core::Result<()> {
+        if self.heard.elapsed() < POLL {
+            return Ok(());
         }
-    })
-}
-
-fn column<T: Element>(py: Python<'_>, n: usize) -> Bound<'_, PyArray1<T>> {
-    PyArray1::zeros(py, n, false)
-}
-
-fn table_of(py: Python<'_>, n: usize, width: usize) -> Bound<'_, PyArray2<f64>> {
-    PyArray2::zeros(py, [n, width], false)
+        self.heard = Instant::now();
+        let heard = Python::attach(|py| {
+            py.check_signals()?;
+            match &self.progress {
+                Some(call) => call.call1(py, (done, self.total)).map(|_| ()),
+                None => Ok(()),
+            }
+        });
+        heard.map_err(|error| {
+            self.stopped = Some(error);
+            Error::Interrupted
+        })
+    }
 }
 
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
