@@ -193,3 +193,41 @@ fn eight_filters_in_lanes_are_eight_filters() {
     lanes_are_single_filters(&Ukf::default());
     lanes_are_single_filters(&SrUkf::default());
 }
+
+/// One axis seen directly, with noise far below the last digit of the prior's variance.
+#[test]
+fn a_very_precise_measurement_leaves_its_own_variance() {
+    struct Direct;
+    impl Measurement<1, 1> for Direct {
+        type Space = Euclidean<1>;
+        type Given = Euclidean<1>;
+        type Value = Euclidean<1>;
+        fn predict<T: Real>(&self, x: &[T; 1], _: &[T; 1]) -> [T; 1] {
+            *x
+        }
+        fn residual<T: Real>(&self, z: &[T; 1], zhat: &[T; 1]) -> [T; 1] {
+            [z[0] - zhat[0]]
+        }
+        fn noise<T: Real>(&self, r: &[T; 1]) -> Matrix<T, 1, 1> {
+            celestcore_core::linalg::from_fn(|_, _| r[0])
+        }
+        fn jacobian<T: Real>(&self, _: &[T; 1], _: &[T; 1]) -> Matrix<T, 1, 1> {
+            celestcore_core::linalg::identity()
+        }
+    }
+    fn left<F: Filter>(filter: &F, r: f64) -> (bool, f64) {
+        let one = celestcore_core::linalg::identity();
+        let (mut b, _) = filter.belief::<Euclidean<1>, f64, 1>([0.0], &one);
+        let o = filter.update::<_, f64, 1, 1>(&mut b, &Direct, &[r], &[0.5], f64::INFINITY);
+        (o.accepted, b.covariance()[(0, 0)])
+    }
+    for r in [1e-10, 1e-18, 1e-30] {
+        let (accepted, variance) = left(&Ekf, r);
+        assert!(accepted && (variance / r - 1.0).abs() < 1e-12, "{variance:e} {r:e}");
+        // a square root is known to the last digit of the prior's, 1e-16 here
+        let (accepted, variance) = left(&SrUkf::default(), r);
+        assert!(accepted && (variance.sqrt() - r.sqrt()).abs() < 4e-16, "{variance:e} {r:e}");
+    }
+    // the plain unscented filter cannot carry this: it says so and keeps its belief
+    assert_eq!(left(&Ukf::default(), 1e-30), (false, 1.0));
+}
