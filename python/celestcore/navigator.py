@@ -584,7 +584,7 @@ def _positive(value: ArrayLike, field: str) -> FloatArray:
 
 def _sigma0(sigma0: Sigma0) -> FloatArray:
     """Return the start's 1-sigma values (6,): attitude [rad], bias [rad/s]."""
-    pair = isinstance(sigma0, Sequence | np.ndarray) and np.size(sigma0) > 1
+    pair = isinstance(sigma0, Sequence) or (isinstance(sigma0, np.ndarray) and sigma0.ndim > 0)
     if not pair or len(sigma0) != 2:
         raise InputError("needs (attitude [rad], bias [rad/s])", field="sigma0", value=sigma0)
     return np.concatenate([_positive(part, "sigma0") for part in sigma0])

@@ -17,16 +17,13 @@ pub fn zeros<T: Real, const R: usize, const C: usize>() -> Matrix<T, R, C> {
 /// Matrix from its entries.
 #[inline(always)]
 pub fn from_fn<T: Real, const R: usize, const C: usize>(mut entry: impl FnMut(usize, usize) -> T) -> Matrix<T, R, C> {
-    // not by overwriting zeros: the compiler keeps the memset of the larger sizes
-    Matrix::from_array_storage(nalgebra::ArrayStorage(std::array::from_fn(
-        #[inline(always)]
-        |j| {
-            std::array::from_fn(
-                #[inline(always)]
-                |i| entry(i, j),
-            )
-        },
-    )))
+    let mut m = zeros();
+    for j in 0..C {
+        for i in 0..R {
+            m[(i, j)] = entry(i, j);
+        }
+    }
+    m
 }
 
 /// Symmetric matrix from its lower triangle.
