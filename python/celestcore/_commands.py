@@ -114,7 +114,9 @@ def replay(
         solution = request.run(sensors, settings, advance)
     with Console(stderr=True).status("hiding fixes, window by window"):
         drift = request.drift(sensors, settings)
-    result = summary(solution, sensors, withheld=None if drift is None else drift.summary())
+    hidden = None if drift is None else drift.summary()
+    result = summary(solution, sensors, gate=settings.gate(), withheld=hidden)
+    result["log"] = result["log"] or str(log)
     words = cli.describe_settings(settings)
     request.write(solution, result, drift=drift, settings=words, command=shlex.join(_command()))
     console = Console(stderr=json_file == cli.STDOUT, highlight=False, markup=False)
@@ -146,7 +148,7 @@ def info(
     if target is not None:
         with replacing(target) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    _show_info(Console(highlight=False), content)
+    _show_info(Console(highlight=False, markup=False), content)
 
 
 def _command() -> list[str]:
@@ -188,7 +190,8 @@ def _show_replay(console: Console, result: dict[str, Any]) -> None:
         ("time covered", spell_time(result["span_s"])),
         ("gyro samples", f"{counts['samples']:,}"),
         ("fixes used", f"{counts['accepted']:,} of {counts['fixes']:,}"),
-        ("missing / outside / gyro gaps", _triple(counts)),
+        ("fixes rejected / that set the start", _several(counts, "rejected", "start")),
+        ("missing / outside / gyro gaps", _several(counts, "missing", "outside", "gaps")),
         ("innovation rms, body x y z [arcsec]", _numbers(inn["rms_arcsec"])),
         ("NIS per degree of freedom (ideal 1)", _numbers([inn["nis_per_dof"]])),
     ]
@@ -211,8 +214,8 @@ def _show_replay(console: Console, result: dict[str, Any]) -> None:
     console.print(table)
 
 
-def _triple(counts: dict[str, int]) -> str:
-    return f"{counts['missing']:,} / {counts['outside']:,} / {counts['gaps']:,}"
+def _several(counts: dict[str, int], *names: str) -> str:
+    return " / ".join(f"{counts[name]:,}" for name in names)
 
 
 def _numbers(values: list[Any], unit: float = 1.0) -> str:
@@ -230,7 +233,8 @@ def _show_info(console: Console, content: dict[str, Any]) -> None:
     for name, frame in content["frames"].items():
         console.print(f"{name} frame: {frame}")
     table = Table("table", box=None, pad_edge=False, header_style="bold")
-    for heading in ("rows", "missing", "from [s]", "to [s]", "step [s]", "longest step [s]"):
+    headings = ("rows", "missing", "from [s]", "to [s]", "step [s]", "longest step [s]", "gaps")
+    for heading in headings:
         table.add_column(heading, justify="right")
     for name, row in content["tables"].items():
         table.add_row(
@@ -241,6 +245,7 @@ def _show_info(console: Console, content: dict[str, Any]) -> None:
                 "n/a" if row[key] is None else f"{row[key]:.10g}"
                 for key in ("t_first", "t_last", "step_median_s", "step_max_s")
             ),
+            f"{row['gaps']:,}",
         )
     console.print(table)
     for section, values in content["settings"].items():

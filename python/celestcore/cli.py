@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 STDOUT = "-"
 INTERRUPTED = 130
+GAP_STEPS = 3.0  # in medians: longer steps count as gaps in `info`
 Progress = Callable[[int, int], None]
 
 
@@ -56,6 +57,8 @@ def main(arguments: list[str] | None = None) -> int:
             return 0
         except OSError as error:
             return _fail(f"{error.filename or ''}: {error.strerror or error}".lstrip(": "))
+        except MemoryError:
+            return _fail("not enough memory: thin the output with --period, or split the log")
         except KeyboardInterrupt:
             return _interrupted()
         except Exception as error:
@@ -263,7 +266,8 @@ def describe_log(log: SensorLog) -> dict[str, Any]:
     -------
     dict
         title, epoch, frames, span_s, settings, and for each table rows, missing, t_first,
-        t_last, and the median and largest step in s (None with fewer than two rows).
+        t_last, the median and largest step in s (None with fewer than two rows), and
+        gaps, the number of steps longer than three medians.
     """
     tables: dict[str, Any] = {}
     for name, table in log.tables.items():
@@ -275,6 +279,7 @@ def describe_log(log: SensorLog) -> dict[str, Any]:
             "t_last": float(table.t[-1]) if len(table) else None,
             "step_median_s": float(np.median(steps)) if len(steps) else None,
             "step_max_s": float(np.max(steps)) if len(steps) else None,
+            "gaps": int(np.sum(steps > GAP_STEPS * np.median(steps))) if len(steps) else 0,
         }
     first, last = log.span
     return {

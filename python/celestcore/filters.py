@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from celestcore._check import number
 from celestcore.errors import InputError
 
 __all__ = ["EKF", "SRUKF", "UKF"]
 
 _INTEGRATORS = ("exponential", "rk4")
+_STATES = 6
 
 
 @dataclass(frozen=True)
@@ -56,17 +58,25 @@ class UKF:
     alpha : float
         Spread of the points, in (0, 1].
     beta : float
-        Weight of the centre in the covariance; 2 is best for normal errors.
+        Weight of the centre in the covariance, at least 0; 2 is best for normal errors.
     kappa : float, optional
-        None: the papers' choice ``n + kappa = 3``. With N error states, ``kappa > -N``.
+        None: the papers' choice ``n + kappa = 3``. With N = 6 error states, ``kappa > -6``.
     integrator : {"exponential", "rk4"}
         Attitude kinematics of each sigma point.
+
+    Raises
+    ------
+    InputError
+        Names the field and the value.
 
     Notes
     -----
     The scaled unscented transform (Wan and van der Merwe 2000), written on deviations from the
     centre point's image: no weight is negative as long as ``beta >= alpha**2``. Sigma points are
     drawn anew for each update, so that it sees the process noise.
+
+    The update subtracts: where a sensor is a hundred million times better than what was known
+    before (1-sigma), digits run out; `SRUKF`, and `EKF` by Joseph's form, keep what is left right.
 
     Examples
     --------
@@ -82,6 +92,12 @@ class UKF:
 
     def __post_init__(self) -> None:
         _check_integrator(self.integrator)
+        alpha = number(self.alpha, "filter.alpha")
+        if not 0.0 < alpha <= 1.0:
+            raise InputError("must be in (0, 1]", field="filter.alpha", value=alpha)
+        number(self.beta, "filter.beta", at_least=0.0)
+        if self.kappa is not None:
+            number(self.kappa, "filter.kappa", above=-_STATES)
 
     def _setup(self) -> dict[str, Any]:
         return {
@@ -107,6 +123,15 @@ class SRUKF(UKF):
     """
 
     kind: ClassVar[str] = "srukf"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not float(self.beta) >= float(self.alpha) ** 2:
+            raise InputError(
+                "must be at least alpha squared, so that no weight is negative",
+                field="filter.beta",
+                value=float(self.beta),
+            )
 
 
 def _check_integrator(value: str) -> None:

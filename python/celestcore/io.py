@@ -193,12 +193,16 @@ def _read_directory(source: Path) -> dict[str, Columns]:
     if not files:
         found = ", ".join(sorted(p.name for p in source.iterdir())[:20]) or "nothing"
         raise LogFormatError(f"the directory holds no .parquet files; found: {found}")
-    return {file.stem: _read_parquet(file) for file in files}
+    known = [file for file in files if table_kind(file.stem) is not None]
+    if not known:
+        schema_of(files[0].stem)
+    tables = {file.stem: _read_parquet(file) for file in known}
+    _warn_ignored(source.name, [file.name for file in files if file not in known], "table")
+    return tables
 
 
 def _read_parquet(file: Path) -> Columns:
     pq = require("pyarrow.parquet", extra="parquet", what="reading Parquet")
-    schema_of(file.stem)
     try:
         with pq.ParquetFile(file, page_checksum_verification=True) as opened:
             found = list(opened.schema_arrow.names)
@@ -224,9 +228,9 @@ def _from_arrow(column: Any, table: str, name: str) -> Any:
     return values
 
 
-def _warn_ignored(file: str, columns: list[str]) -> None:
-    if columns:
-        warn(f"{file}: ignored what is no column of a log: {', '.join(columns)}")
+def _warn_ignored(file: str, names: list[str], what: str = "column") -> None:
+    if names:
+        warn(f"{file}: ignored what is no {what} of a log: {', '.join(names)}")
 
 
 def _write_directory(

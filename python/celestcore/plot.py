@@ -134,7 +134,7 @@ def _attitude(
 ) -> list[Axes]:
     ax = fig.add_subplot(grid[row, :])
     names = ("yaw", "pitch", "roll")
-    inertial = solution.frames.get("inertial", "GCRS")
+    inertial = solution.frames.get("inertial", "the inertial frame")
     for angle, (colour, _), name in zip(
         euler_321(solution.q).T / DEG, AXES_COLOURS, names, strict=True
     ):

@@ -27,7 +27,7 @@ KINDS = (".html", ".png")
 CAPTIONS = {
     "attitude": (
         "Attitude",
-        "Where the spacecraft pointed, as 3-2-1 Euler angles that turn the {inertial} axes "
+        "Where the spacecraft pointed, as 3-2-1 Euler angles that turn the axes of {inertial} "
         "into the body axes: yaw about z, then pitch about the new y, then roll about the new "
         "x. Yaw is the right ascension of the body x axis, pitch is minus its declination. A "
         "jump from 180 to -180 degrees is no motion; near ±90 degrees of pitch, yaw and roll "
@@ -143,7 +143,7 @@ def page(
 ) -> str:
     """Return the report as HTML text; parameters as in `write_report`."""
     title = solution.title or "Attitude from gyros and star cameras"
-    inertial = solution.frames.get("inertial", "GCRS")
+    inertial = solution.frames.get("inertial", "the inertial frame")
     parts = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width,initial-scale=1">',
@@ -195,6 +195,7 @@ def _run_table(
         ("Length", spell_time(result["span_s"])),
         ("Filter", _FILTERS.get(solution.filter.lower(), solution.filter or "unknown")),
         *settings.items(),
+        ("Fixes that set the start", f"{counts['start']:,}"),
         ("Missing measurements (NaN)", f"{counts['missing']:,}"),
         ("Fixes outside the gyro's time span", f"{counts['outside']:,}"),
         ("Gyro gaps", _gaps(solution)),
@@ -316,10 +317,10 @@ def _image(figure: Figure, alt: str) -> str:
 
 
 def _footer(solution: Solution, result: Mapping[str, Any], inertial: str) -> str:
-    body = solution.frames.get("body", "body")
+    body = f" ({solution.frames['body']})" if "body" in solution.frames else ""
     return (
         f"<footer>Conventions: quaternions are Hamilton, scalar first, and take vectors from the "
-        f"body frame ({escape(body)}) to {escape(inertial)}; sigmas are about the body axes; "
+        f"body frame{escape(body)} to {escape(inertial)}; sigmas are about the body axes; "
         f"times count seconds from the start given above. 1 arcsec (″) = 1/3600 degree. "
         f"Made by celestcore {escape(str(result['version']))}.</footer>"
     )

@@ -81,7 +81,7 @@ class Gyro:
     frame : str
         The name of the body frame.
     max_gap : float, optional
-        Longest step [s] that is no gap; None: ten times the log's median step.
+        Longest step [s] that is no gap; None: three times the log's median step.
     gap_rate_sigma : float
         1-sigma uncertainty of the mean rate inside a gap [rad/s]; it grows the covariance.
 

@@ -93,8 +93,8 @@ class Solution:
     gaps : array, (k, 2)
         Start and end of the gyro gaps, s.
     counts : dict of str to int
-        samples, fixes, accepted, rejected, missing, outside (fixes beyond the gyro's time
-        span) and gaps.
+        samples, fixes, accepted, rejected, start (fixes that set the start), missing, outside
+        (fixes beyond the gyro's time span) and gaps.
     covariance : array, (n, 6, 6), or None
         Full covariance, when it was asked for.
     epoch : str or None
@@ -287,7 +287,7 @@ class Solution:
             "title": self.title,
             "filter": self.filter,
             "epoch": self.epoch,
-            "frames": {"inertial": "GCRS", "body": "body", **self.frames},
+            "frames": {"inertial": "not given", "body": "not given", **self.frames},
             "units": UNITS,
             "quaternion": "q_ib, body to inertial, Hamilton, scalar first",
         }

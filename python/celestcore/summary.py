@@ -16,8 +16,20 @@ if TYPE_CHECKING:
     from celestcore.solution import Solution
 
 
+MANY_REJECTED = 0.1
+"""Share of rejected fixes beyond which something other than the fixes is wrong."""
+MANY_TIMES = 3.0
+"""The same, as a multiple of the share that the gate rejects of good fixes."""
+FEW_FIXES = 30
+"""Accepted fixes below which nothing is said about the error bars."""
+
+
 def summary(
-    solution: Solution, log: SensorLog | None = None, *, withheld: dict[str, Any] | None = None
+    solution: Solution,
+    log: SensorLog | None = None,
+    *,
+    gate: float | None = None,
+    withheld: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return what came out of a replay; `celestcore replay --json` writes exactly this.
 
@@ -28,6 +40,8 @@ def summary(
     solution : Solution
     log : SensorLog, optional
         The log it came from: gives the title and the span.
+    gate : float, optional
+        Probability that the gate lets a good fix through, in (0, 1].
     withheld : dict, optional
         Summary of a withheld-window test, passed through.
 
@@ -37,7 +51,9 @@ def summary(
         JSON-ready: plain numbers, strings, lists; what cannot be computed is None.
 
         - ``log``, ``filter``, ``version``: title, filter and package version
-        - ``counts``: samples, fixes, accepted, rejected, missing, gaps, outside
+        - ``gate``: as given
+        - ``counts``: samples, fixes (= accepted + rejected + start + outside), accepted,
+          rejected, start (fixes that set the start), missing, gaps, outside
         - ``span_s``: time from first to last gyro sample, s
         - ``innovation``: ``rms_arcsec`` (body x, y, z), ``rms_total_arcsec``, ``nis_mean``,
           ``nis_per_dof`` (1 if the noise model is right), ``inside_95`` (fraction of NIS
@@ -46,12 +62,13 @@ def summary(
         - ``samples_per_second``: speed of the core
         - ``withheld``: as given
     """
-    names = ("samples", "fixes", "accepted", "rejected", "missing", "gaps", "outside")
+    names = ("samples", "fixes", "accepted", "rejected", "start", "missing", "gaps", "outside")
     elapsed = solution.elapsed_s
     samples = int(solution.counts.get("samples", len(solution)))
     out: dict[str, Any] = {
         "log": solution.title or (log.title if log is not None else None),
         "filter": solution.filter,
+        "gate": gate,
         "version": package_version(),
         "counts": {name: int(solution.counts.get(name, 0)) for name in names},
         "span_s": span_s(solution, log),
@@ -138,22 +155,39 @@ def per_sensor(solution: Solution) -> list[dict[str, Any]]:
 def headline(result: dict[str, Any]) -> str:
     """Return a summary's outcome in plain words: what was done, and whether to believe it."""
     counts, inn = result["counts"], result["innovation"]
-    rejected = counts["rejected"]
-    first = (
+    rejected, doubtful = counts["rejected"], too_many_rejected(counts, result["gate"])
+    parts = [
         f"{spell_time(result['span_s']).capitalize()} with {counts['samples']:,} gyro samples and "
         f"{counts['fixes']:,} attitude fixes, "
         f"{f'{rejected:,} of them rejected' if rejected else 'none rejected'}."
-    )
+    ]
+    if doubtful:
+        parts.insert(
+            0,
+            f"{rejected:,} of {counts['accepted'] + rejected:,} fixes were rejected: the start, "
+            "the noise or the frames are probably wrong.",
+        )
     if inn["rms_total_arcsec"] is None:
-        return f"{first} No fix was used, so the attitude was not corrected."
-    second = (
+        parts.append("No fix was used to correct the attitude.")
+        return " ".join(parts)
+    parts.append(
         f"Before each correction the prediction was off the fix by {inn['rms_total_arcsec']:.3g}"
         f" arcsec rms."
     )
-    parts = [first, second, verdict(inn)]
+    if not doubtful:
+        enough = counts["accepted"] >= FEW_FIXES
+        parts.append(verdict(inn) if enough else "Too few fixes were used to judge its error bars.")
     if result.get("withheld"):
         parts.append(drift_words(result["withheld"]))
     return " ".join(parts)
+
+
+def too_many_rejected(counts: dict[str, int], gate: float | None = None) -> bool:
+    """Tell whether far more fixes were rejected than the gate rejects of good ones."""
+    rejected = counts["rejected"]
+    judged = counts["accepted"] + rejected
+    expected = 0.0 if gate is None else 1.0 - gate
+    return judged >= 10 and rejected > max(MANY_REJECTED, MANY_TIMES * expected) * judged
 
 
 def drift_words(withheld: dict[str, Any]) -> str:

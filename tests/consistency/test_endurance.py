@@ -7,20 +7,11 @@ from time import perf_counter
 import celestcore as cc
 import numpy as np
 import pytest
-from simulate import FloatArray, exp, multiply
+from simulate import exp, multiply
 
 CHUNK, DT, FIX = 2_000_000, 0.1, 10
 ARW, RRW, SIGMA = 1e-5, 1e-8, 3e-5
 FILTERS = [cc.EKF(), cc.UKF(), cc.SRUKF()]
-
-
-class Continued(cc.StarGyroNavigator):
-    """A navigator whose run starts from a full covariance, as another run has left it."""
-
-    covariance0: FloatArray
-
-    def _start(self, t, t0, q0, sigma0):  # type: ignore[no-untyped-def]
-        return float(t[0]), tuple(q0), self.covariance0
 
 
 class Spacecraft:
@@ -62,16 +53,21 @@ def check(sol: cc.Solution) -> float:
 
 def fly(filter: cc.EKF | cc.UKF, chunks: int, every: int) -> None:  # noqa: A002
     craft = Spacecraft(seed=7)
-    nav = Continued(filter, cc.Gyro(ARW, RRW), cc.StarCamera(SIGMA))
-    nav.covariance0 = np.diag(np.repeat([1e-4, 1e-5], 3) ** 2)
+    nav = cc.StarGyroNavigator(filter, cc.Gyro(ARW, RRW), cc.StarCamera(SIGMA))
+    covariance = np.diag(np.repeat([1e-4, 1e-5], 3) ** 2)
     q, bias = craft.q, np.zeros(3)
     begin, core, smallest = perf_counter(), 0.0, 1.0
     for _ in range(chunks):
         sol = nav.run(
-            craft.chunk(CHUNK), q0=q, bias0=bias, sigma0=(1.0, 1.0), every=every, covariance=True
+            craft.chunk(CHUNK),
+            q0=q,
+            bias0=bias,
+            covariance0=covariance,
+            every=every,
+            covariance=True,
         )
         smallest = min(smallest, check(sol))
-        q, bias, nav.covariance0 = (sol.final[k] for k in ("q", "bias", "covariance"))
+        q, bias, covariance = (sol.final[k] for k in ("q", "bias", "covariance"))
         core += sol.elapsed_s
     print(
         f"{filter.kind}: {chunks * CHUNK:.3g} steps, {perf_counter() - begin:.0f} s, "

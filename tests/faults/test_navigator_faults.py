@@ -8,7 +8,7 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import celestcore as cc
 import numpy as np
@@ -82,6 +82,21 @@ NAVIGATORS: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "camera mounting": (lambda: cc.StarCamera(1e-5, mounting=[2.0, 0, 0, 0]), r"star\.mounting"),
     "integrator": (lambda: cc.EKF("euler"), r"filter\.integrator, value 'euler'.*exponential, rk4"),
+    "ukf alpha 0": (lambda: cc.UKF(alpha=0.0), r"filter\.alpha, value 0\.0: must be in \(0, 1\]"),
+    "ukf alpha 2": (lambda: cc.UKF(alpha=2.0), r"filter\.alpha, value 2\.0: must be in \(0, 1\]"),
+    "ukf alpha nan": (lambda: cc.UKF(alpha=np.nan), r"filter\.alpha, value nan: must be finite"),
+    "ukf beta": (lambda: cc.UKF(beta=-1.0), r"filter\.beta, value -1\.0: must be at least 0"),
+    "ukf beta inf": (lambda: cc.UKF(beta=np.inf), r"filter\.beta, value inf: must be finite"),
+    "ukf beta word": (lambda: cc.UKF(beta=cast("float", "2")), r"filter\.beta, value '2'"),
+    "ukf kappa": (
+        lambda: cc.UKF(kappa=-7.0),
+        r"filter\.kappa, value -7\.0: must be greater than -6",
+    ),
+    "ukf kappa -6": (lambda: cc.UKF(kappa=-6.0), r"filter\.kappa, value -6\.0: must be greater"),
+    "ukf kappa nan": (lambda: cc.UKF(kappa=np.nan), r"filter\.kappa, value nan: must be finite"),
+    "ukf kappa true": (lambda: cc.UKF(kappa=True), r"filter\.kappa, value True"),
+    "srukf beta": (lambda: cc.SRUKF(beta=0.5), r"filter\.beta, value 0\.5: .*alpha squared"),
+    "srukf alpha": (lambda: cc.SRUKF(alpha=2.0), r"filter\.alpha, value 2\.0: must be in"),
 }
 
 RUNS: dict[str, tuple[Callable[[], Any], str]] = {
@@ -115,23 +130,10 @@ RUNS: dict[str, tuple[Callable[[], Any], str]] = {
         ),
         r"a: no vector sensor is described for it; described are b",
     ),
-    # filters
-    "srukf beta": (lambda: run(filter=cc.SRUKF(alpha=1.0, beta=0.0)), r"beta = 0: .*alpha squared"),
-    "ukf kappa": (lambda: run(filter=cc.UKF(kappa=-7.0)), r"kappa = -7: must be larger than minus"),
-    "ukf kappa -6": (lambda: run(filter=cc.UKF(kappa=-6.0)), r"kappa = -6"),
-    "ukf kappa nan": (lambda: run(filter=cc.UKF(kappa=np.nan)), r"kappa = NaN"),
-    "ukf alpha 0": (lambda: run(filter=cc.UKF(alpha=0.0)), r"alpha = 0: must be in \(0, 1\]"),
-    "ukf alpha 2": (lambda: run(filter=cc.UKF(alpha=2.0)), r"alpha = 2"),
-    "ukf alpha nan": (lambda: run(filter=cc.UKF(alpha=np.nan)), r"alpha = NaN"),
-    "ukf beta": (lambda: run(filter=cc.UKF(beta=-1.0)), r"beta = -1: must be"),
-    "start of a srukf": (
-        lambda: navigator(cc.SRUKF(beta=0.5)).start(0.0, IDENTITY),
-        r"beta = 0\.5: .*alpha squared",
-    ),
     # starts
     "t0 alone": (lambda: run(t0=1.0), r"t0, value 1\.0: goes with q0"),
-    "t0 early": (lambda: run(t0=-1.0, **START), r"start time = -1: .*gyro's time span"),
-    "t0 late": (lambda: run(t0=49.1, **START), r"start time = 49\.1"),
+    "t0 early": (lambda: run(t0=-1.0, **START), r"t0, value -1.*: .*gyro's time span"),
+    "t0 late": (lambda: run(t0=49.1, **START), r"t0, value 49\.1.*0 to 49 s"),
     "t0 nan": (lambda: run(t0=np.nan, **START), r"t0, value nan: must be finite"),
     "t0 is a word": (lambda: run(t0="now", **START), r"t0, value 'now'"),
     "q0 alone": (lambda: run(q0=IDENTITY), r"sigma0: is needed with q0"),
@@ -167,10 +169,10 @@ RUNS: dict[str, tuple[Callable[[], Any], str]] = {
     "period nan": (lambda: run(period=np.nan), r"period, value nan"),
     "period inf": (lambda: run(period=np.inf), r"period, value inf"),
     "period word": (lambda: run(period="1s"), r"period, value '1s'"),
-    "period tiny": (lambda: run(period=1e-300), r"^period = 1e-300: .*too short"),
+    "period tiny": (lambda: run(period=1e-300), r"^period\W.* 1e-300: .*too short"),
     # numbers that break the arithmetic
     "sigma0 underflows": (lambda: run(q0=IDENTITY, sigma0=(1e-200, 1e-4)), r"initial covariance"),
-    "bias0 overflows": (lambda: run(bias0=[1e300] * 3), r"predicted.*step 0.* 1 s"),
+    "bias0 overflows": (lambda: run(bias0=[1e300] * 3), r"step 0.* 1 s"),
 }
 
 
@@ -207,7 +209,7 @@ def test_input_errors_are_value_errors_and_carry_their_field() -> None:
 
 @pytest.mark.parametrize(
     ("case", "field", "value"),
-    [("srukf beta", "beta", 0.0), ("ukf kappa", "kappa", -7.0), ("t0 late", "start time", 49.1)],
+    [("t0 late", "t0", 49.1), ("period tiny", "period", 1e-300)],
 )
 def test_errors_of_the_core_carry_their_field(case: str, field: str, value: float) -> None:
     with pytest.raises(cc.InputError) as caught:
@@ -284,7 +286,7 @@ def test_period_too_short_to_move_the_time_is_an_error() -> None:
             except cc.InputError as error:
                 print(error)
         """,
-        timeout=20,
+        timeout=10,
     )
     assert done.stdout.count("period") == 2, done.stderr
 
@@ -418,7 +420,12 @@ gyros = st.builds(
 )
 filters = mostly(
     st.sampled_from([*FILTERS.values(), cc.EKF("rk4"), cc.SRUKF(integrator="rk4")]),
-    st.builds(cc.UKF, alpha=odd_floats, beta=odd_floats, kappa=odd_floats),
+    st.builds(
+        cc.UKF,
+        alpha=st.floats(0.0, 1.0, exclude_min=True),
+        beta=st.floats(0.0, 1e308),
+        kappa=st.floats(-6.0, 1e308, exclude_min=True),
+    ),
 )
 
 

@@ -114,8 +114,29 @@ def test_replay_writes_what_was_asked(
     result: dict[str, Any] = json.loads(out["a.json"].read_text())
     assert result["filter"] == kind
     assert result["counts"]["samples"] == 601
-    assert result["counts"]["rejected"] == 0
+    counts = result["counts"]
+    assert (counts["rejected"], counts["start"], counts["outside"]) == (0, 1, 0)
+    assert counts["fixes"] == counts["accepted"] + counts["start"]
     assert "A slow turn" in out["a.html"].read_text(encoding="utf-8")
+
+
+def test_counts_add_up_and_an_untitled_log_goes_by_its_path(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t, q = np.arange(100.0), np.tile([1.0, 0.0, 0.0, 0.0], (100, 1))
+    q[50] = [0.8, 0.6, 0.0, 0.0]
+    path = tmp_path / "untitled.npz"
+    settings = {"gyro": {"arw": 1e-6}, "star": {"sigma_arcsec": 5.0}, "gate": {"probability": 0.99}}
+    write_log(SensorLog(gyro=(t, 0.0 * q[:, 1:]), star=(t + 2.0, q), settings=settings), path)
+    _, out, err = run(capsys, "replay", path, "--json", "-")
+    result = json.loads(out)
+    assert (result["log"], result["gate"]) == (str(path), 0.99)
+    counts = result["counts"]
+    assert (counts["start"], counts["rejected"], counts["outside"]) == (1, 1, 2)
+    parts = ("accepted", "rejected", "start", "outside")
+    assert counts["fixes"] == sum(counts[name] for name in parts) == 100
+    assert "fixes rejected / that set the start" in err
+    assert "1 / 1" in err
 
 
 def test_json_to_standard_output_is_json_alone(
@@ -225,6 +246,16 @@ def test_ctrl_c_says_so(
     assert run(capsys, "replay", log) == (130, "", "error: interrupted: nothing was written\n")
 
 
+def test_too_little_memory_is_one_line(
+    log: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def too_large(*_: object, **__: object) -> None:
+        np.empty(2**58)
+
+    monkeypatch.setattr(cli.Replay, "run", too_large)
+    assert "not enough memory" in fails(capsys, "replay", log)
+
+
 @pytest.mark.parametrize(
     ("package", "arguments"),
     [
@@ -255,6 +286,19 @@ def test_info_tells_what_a_log_holds(log: Path, capsys: pytest.CaptureFixture[st
     content = json.loads(run(capsys, "info", log, "--json", "-")[1])
     assert content["tables"]["gyro"]["rows"] == 601
     assert content["tables"]["star"]["step_median_s"] == 2.0
+    assert content["tables"]["star"]["gaps"] == 0
+
+
+def test_info_counts_gaps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.delete(np.arange(50.0), [10, 20, 21, 22])  # a step of 2 s is none, one of 4 s is
+    write_log(SensorLog(gyro=(t, np.zeros((46, 3)))), tmp_path / "a.npz")
+    code, out, _ = run(capsys, "info", tmp_path / "a.npz")
+    heading, row = out.splitlines()[-2:]
+    assert code == 0
+    assert (heading.split()[-1], row.split()[-1]) == ("gaps", "1")
+    assert "[s]" in heading
+    content = json.loads(run(capsys, "info", tmp_path / "a.npz", "--json", "-")[1])
+    assert content["tables"]["gyro"]["gaps"] == 1
 
 
 def test_info_of_the_samples(capsys: pytest.CaptureFixture[str]) -> None:

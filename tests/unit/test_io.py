@@ -281,6 +281,16 @@ def test_writing_a_directory_replaces_the_tables_and_nothing_else(tmp_path: Path
     assert [p.name for p in tmp_path.iterdir()] == ["log"]
 
 
+def test_tables_of_later_versions_are_ignored_with_a_warning(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    write_log(simple(), path)
+    for name in ("angle", "horizon"):
+        pq.write_table(pa.table({"t": [0.0], "angle": [0.1]}), path / f"{name}.parquet")
+    words = "log: ignored what is no table of a log: angle.parquet, horizon.parquet$"
+    with pytest.warns(CelestcoreWarning, match=words):
+        assert_same(simple(), read_log(path))
+
+
 def test_a_directory_may_have_a_dot(tmp_path: Path) -> None:
     path = tmp_path / "run.2026"
     path.mkdir()

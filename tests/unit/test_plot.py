@@ -69,6 +69,12 @@ def test_the_figure_names_units_and_marks_what_matters(solution: Solution) -> No
     assert {"95 % chi-square bounds", f"rejected ({rejected})", "gyro gap (1)"} <= words
 
 
+def test_the_attitude_names_only_a_frame_that_was_given(make_solution: MakeSolution) -> None:
+    for frames, name in (({}, "the inertial frame"), ({"inertial": "ICRF"}, "ICRF")):
+        title = make_solution(100, frames=frames).plot(("attitude",)).axes[0].get_title(loc="left")
+        assert title.endswith(f"body relative to {name}")
+
+
 def test_nis_bounds_are_the_chi_square_quantiles(solution: Solution) -> None:
     chi2 = pytest.importorskip("scipy.stats").chi2
     assert plot.chi2_bounds(3) == pytest.approx(chi2.ppf([0.025, 0.975], 3), rel=1e-10)

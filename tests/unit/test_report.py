@@ -24,6 +24,7 @@ def test_summary_has_the_promised_keys(solution: Solution) -> None:
     assert list(result) == [
         "log",
         "filter",
+        "gate",
         "version",
         "counts",
         "span_s",
@@ -31,7 +32,7 @@ def test_summary_has_the_promised_keys(solution: Solution) -> None:
         "final",
         "samples_per_second",
     ]
-    counts = "samples fixes accepted rejected missing gaps outside"
+    counts = "samples fixes accepted rejected start missing gaps outside"
     assert sorted(result["counts"]) == sorted(counts.split())
     assert result["span_s"] == 2000.0
     assert result["samples_per_second"] == pytest.approx(2.001e6)
@@ -98,6 +99,42 @@ def test_verdict_in_plain_words(ratio: float, inside: float, words: str) -> None
     assert words in verdict({"nis_per_dof": ratio, "inside_95": inside})
 
 
+def rejecting(make_solution: MakeSolution, rejected: int, judged: int) -> Solution:
+    """Return a solution of so many fixes, the last of them rejected."""
+    counts = {"samples": 2 * judged, "fixes": judged + 1, "start": 1, "gaps": 1}
+    counts.update(accepted=judged - rejected, rejected=rejected)
+    used = np.arange(judged) < judged - rejected
+    return make_solution(2 * judged, accepted=used, counts=counts)
+
+
+@pytest.mark.parametrize(("rejected", "judged"), [(298, 299), (299, 299), (31, 300), (2, 10)])
+def test_many_rejected_fixes_come_first_and_end_the_verdict(
+    make_solution: MakeSolution, rejected: int, judged: int
+) -> None:
+    words = headline(summary(rejecting(make_solution, rejected, judged), gate=0.9999))
+    expected = "fixes were rejected: the start, the noise or the frames are probably wrong."
+    assert words.startswith(f"{rejected} of {judged} {expected}")
+    assert "error bars" not in words
+
+
+@pytest.mark.parametrize(
+    ("rejected", "judged", "gate"), [(30, 300, 0.9999), (9, 9, None), (60, 300, 0.9), (0, 300, 1.0)]
+)
+def test_as_many_rejected_as_expected_is_no_alarm(
+    make_solution: MakeSolution, rejected: int, judged: int, gate: float | None
+) -> None:
+    words = headline(summary(rejecting(make_solution, rejected, judged), gate=gate))
+    assert "probably wrong" not in words
+    assert f"{rejected or 'none'} " in words
+
+
+@pytest.mark.parametrize(("judged", "said"), [(29, False), (30, True)])
+def test_few_fixes_give_no_verdict(make_solution: MakeSolution, judged: int, said: bool) -> None:
+    words = headline(summary(rejecting(make_solution, 0, judged)))
+    assert ("Too few fixes" in words) is not said
+    assert ("NIS per dof" in words) is said
+
+
 def test_spelled_times() -> None:
     spelled = [spell_time(s) for s in (0.5, 59.0, 60.0, 5400.0, 86400.0, 200000.0)]
     assert spelled == [
@@ -142,9 +179,22 @@ def test_the_page_stands_alone_and_is_well_formed(solution: Solution, drift: Wit
     assert "<script" not in text
     assert "Made-up satellite" in text
     assert "What was run" in text
+    assert "<th>Fixes that set the start</th><td>0</td>" in text
     assert "hidden for 10 minutes" in text
     assert "within 3 sigma in 92.5 %" in text
     assert len(text) < 2_000_000
+
+
+def test_the_page_names_only_frames_that_were_given(make_solution: MakeSolution) -> None:
+    sol = make_solution(100)
+    text = page(sol, summary(sol))
+    assert "GCRS" not in text
+    assert "turn the axes of the inertial frame into the body axes" in text
+    assert "from the body frame to the inertial frame;" in text
+    named = make_solution(100, frames={"inertial": "GCRS", "body": "bus"})
+    text = page(named, summary(named))
+    assert "turn the axes of GCRS into the body axes" in text
+    assert "from the body frame (bus) to GCRS;" in text
 
 
 def test_the_page_is_escaped(make_solution: MakeSolution) -> None:

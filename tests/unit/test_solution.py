@@ -110,12 +110,17 @@ def test_parquet_holds_rows_measurements_and_metadata(
     np.testing.assert_array_equal(table["s_bz"].to_numpy(), sol.sigma[:, 5])
     note = json.loads(table.schema.metadata[b"celestcore"])
     assert note["epoch"] == sol.epoch
-    assert note["frames"]["inertial"] == "GCRS"
+    assert note["frames"] == {"inertial": "not given", "body": "not given"}
     assert note["units"]["q"] == "1"
     assert note["version"]
     fixes = parquet.read_table(tmp_path / "m.parquet").to_pydict()
     assert fixes["sensor"][:3] == ["star", "star_1", "vector_sun"]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.parquet", "m.parquet"]
+
+
+def test_metadata_has_the_frames_that_were_given(make_solution: MakeSolution) -> None:
+    frames = make_solution(10, frames={"inertial": "ICRF"}).metadata()["frames"]
+    assert frames == {"inertial": "ICRF", "body": "not given"}
 
 
 def test_parquet_into_a_missing_directory_is_refused(solution: Solution, tmp_path: Path) -> None:

@@ -25,13 +25,13 @@ pub trait Belief<S: Manifold<N>, T: Real, const N: usize>: Copy {
             nothing = v.mul_add(T::zero(), nothing);
         }
         // zero, or not a number
-        nothing.gt(T::splat(-1.0))
+        nothing.gt(T::splat(-1.0)).and(S::valid(self.mean()))
     }
     /// True where state and covariance are finite and every variance is positive.
     #[inline(always)]
     fn healthy(&self) -> T::Mask {
         let nothing = S::finite(self.mean());
-        let mut ok = T::Mask::TRUE;
+        let mut ok = S::valid(self.mean());
         for v in self.variance() {
             // infinity times zero is not a number, and no comparison with that is true
             ok = ok.and((v + v.mul_add(T::zero(), nothing)).gt(T::zero()));

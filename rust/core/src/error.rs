@@ -26,7 +26,7 @@ pub enum Error {
     },
     /// Times that go back or repeat.
     #[error(
-        "{field} row {row}: time {value} s does not come after {previous} s; sort the rows and drop the repeated ones"
+        "{field} row {row}: time {value:?} s does not come after {previous} s; sort the rows and drop the repeated ones"
     )]
     NotIncreasing {
         /// Name of the column.
@@ -39,7 +39,7 @@ pub enum Error {
         value: f64,
     },
     /// A parameter outside its range.
-    #[error("{field} = {value}: {need}")]
+    #[error("{field} = {value:?}: {need}")]
     Parameter {
         /// Name of the parameter.
         field: &'static str,

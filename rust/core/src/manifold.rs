@@ -45,6 +45,11 @@ pub trait Manifold<const N: usize>: Family {
     fn normalise<T: Real>(x: &Self::Of<T>) -> Self::Of<T> {
         *x
     }
+    /// Whether a finite state lies on the manifold (a quaternion has not shrunk to nothing).
+    #[inline(always)]
+    fn valid<T: Real>(_x: &Self::Of<T>) -> T::Mask {
+        T::Mask::TRUE
+    }
     /// How a small error about `x ⊞ d` follows from one about `x` at `d`.
     #[inline(always)]
     fn reset<T: Real>(_x: &Self::Of<T>, _d: &Vector<T, N>) -> Matrix<T, N, N> {

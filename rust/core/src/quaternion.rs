@@ -202,20 +202,35 @@ pub fn slerp(a: &Quaternion<f64>, b: &Quaternion<f64>, s: f64) -> Quaternion<f64
 /// The shortest rotation that takes direction `a` to direction `b`; half a turn about some
 /// perpendicular axis when they are opposite. Neither needs unit length.
 pub fn shortest_rotation(a: &Vector<f64, 3>, b: &Vector<f64, 3>) -> Quaternion<f64> {
-    let unit = |v: &Vector<f64, 3>| {
-        let n = dot3(v, v).sqrt();
-        v.map(|c| c / n)
-    };
-    let (a, b) = (unit(a), unit(b));
-    // through the half-way direction: accurate up to nearly opposite vectors
-    let sum = [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-    if dot3(&sum, &sum) < 1e-24 {
-        let [t, _] = tangents(&a);
-        return [0.0, t[0], t[1], t[2]];
+    let (a, b) = (unit_vector(a), unit_vector(b));
+    if dot3(&a, &b) >= 0.0 {
+        return through_the_middle(&a, &b);
     }
-    let half = unit(&sum);
-    let axis = cross(&a, &half);
-    normalise(&[dot3(&a, &half), axis[0], axis[1], axis[2]])
+    // more than a quarter turn: half a turn about an axis across both, after the small rotation from −a
+    let mut axis = cross(&a, &b);
+    if dot3(&axis, &axis) < 1e-30 {
+        axis = tangents(&a)[0];
+    }
+    for _ in 0..2 {
+        // twice is enough to make it perpendicular to the last digit, however short it was
+        axis = unit_vector(&axis);
+        let along = dot3(&a, &axis);
+        axis = std::array::from_fn(|i| axis[i] - a[i] * along);
+    }
+    let axis = unit_vector(&axis);
+    multiply(&through_the_middle(&a.map(|c| -c), &b), &[0.0, axis[0], axis[1], axis[2]])
+}
+
+fn unit_vector(v: &Vector<f64, 3>) -> Vector<f64, 3> {
+    let n = dot3(v, v).sqrt();
+    v.map(|c| c / n)
+}
+
+/// Shortest rotation between unit vectors at most a quarter turn apart: twice that to half-way.
+fn through_the_middle(a: &Vector<f64, 3>, b: &Vector<f64, 3>) -> Quaternion<f64> {
+    let half = unit_vector(&[a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
+    let axis = cross(a, &half);
+    normalise(&[dot3(a, &half), axis[0], axis[1], axis[2]])
 }
 
 /// Two unit vectors that make an orthonormal frame with the unit vector `n`, without a branch
@@ -228,41 +243,35 @@ pub fn tangents<T: Real>(n: &Vector<T, 3>) -> [Vector<T, 3>; 2] {
     [[T::one() + sign * n[0] * n[0] * a, sign * b, -(sign * n[0])], [b, sign + n[1] * n[1] * a, -n[1]]]
 }
 
+const C1: [f64; 7] =
+    [1.0 / 87_178_291_200.0, -1.0 / 479_001_600.0, 1.0 / 3_628_800.0, -1.0 / 40_320.0, 1.0 / 720.0, -1.0 / 24.0, 0.5];
+const C2: [f64; 7] = [
+    1.0 / 1_307_674_368_000.0,
+    -1.0 / 6_227_020_800.0,
+    1.0 / 39_916_800.0,
+    -1.0 / 362_880.0,
+    1.0 / 5040.0,
+    -1.0 / 120.0,
+    1.0 / 6.0,
+];
+// these two weigh corrections of process noise: nine digits of them are plenty
+const C3: [f64; 4] = [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0];
+const C4: [f64; 4] = [-2.0 / 39_916_800.0, 2.0 / 362_880.0, -2.0 / 5040.0, 2.0 / 120.0];
+
 /// `(sin θ/θ-type)` coefficients of a rotation vector of squared length `θ²`:
 /// `[(1 − cos θ)/θ², (θ − sin θ)/θ³, (½ − (1 − cos θ)/θ²)/θ², (⅓ − 2 (θ − sin θ)/θ³)/θ²]`.
 #[inline(always)]
 pub(crate) fn angle_coefficients<T: Real>(theta2: T) -> [T; 4] {
-    const C1: [f64; 7] = [
-        1.0 / 87_178_291_200.0,
-        -1.0 / 479_001_600.0,
-        1.0 / 3_628_800.0,
-        -1.0 / 40_320.0,
-        1.0 / 720.0,
-        -1.0 / 24.0,
-        0.5,
-    ];
-    const C2: [f64; 7] = [
-        1.0 / 1_307_674_368_000.0,
-        -1.0 / 6_227_020_800.0,
-        1.0 / 39_916_800.0,
-        -1.0 / 362_880.0,
-        1.0 / 5040.0,
-        -1.0 / 120.0,
-        1.0 / 6.0,
-    ];
-    // these two weigh corrections of process noise: nine digits of them are plenty
-    const C3: [f64; 4] = [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0];
-    const C4: [f64; 4] = [-2.0 / 39_916_800.0, 2.0 / 362_880.0, -2.0 / 5040.0, 2.0 / 120.0];
     if !T::splat(0.25).gt(theta2).all() {
         return angle_coefficients_large(theta2);
     }
     [theta2.poly(C1), theta2.poly(C2), theta2.poly(C3), theta2.poly(C4)]
 }
 
+/// Lane by lane: the series where it holds, the closed form elsewhere.
 #[cold]
 #[inline(never)]
 fn angle_coefficients_large<T: Real>(theta2: T) -> [T; 4] {
-    let each = |f: fn(f64) -> f64, at_zero: f64| theta2.map(|t2| if t2 < 1e-4 { at_zero } else { f(t2) });
     fn c1(t2: f64) -> f64 {
         let s = (0.5 * t2.sqrt()).sin();
         2.0 * s * s / t2
@@ -271,11 +280,14 @@ fn angle_coefficients_large<T: Real>(theta2: T) -> [T; 4] {
         let t = t2.sqrt();
         (t - t.sin()) / (t2 * t)
     }
+    let each = |series: &dyn Fn(f64) -> f64, closed: &dyn Fn(f64) -> f64| {
+        theta2.map(|t2| if t2 < 0.25 { series(t2) } else { closed(t2) })
+    };
     [
-        each(c1, 0.5),
-        each(c2, 1.0 / 6.0),
-        each(|t2| (0.5 - c1(t2)) / t2, 1.0 / 24.0),
-        each(|t2| (1.0 / 3.0 - 2.0 * c2(t2)) / t2, 1.0 / 60.0),
+        each(&|t2| t2.poly(C1), &c1),
+        each(&|t2| t2.poly(C2), &c2),
+        each(&|t2| t2.poly(C3), &|t2| (0.5 - c1(t2)) / t2),
+        each(&|t2| t2.poly(C4), &|t2| (1.0 / 3.0 - 2.0 * c2(t2)) / t2),
     ]
 }
 

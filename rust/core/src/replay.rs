@@ -77,7 +77,7 @@ pub trait Sink<S: Manifold<N>, const N: usize> {
 /// At which times the belief is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Output {
-    /// At every n-th input sample from the start on.
+    /// At the start and every n-th input sample after it.
     Every(usize),
     /// At the start and each so many seconds after it. The filter is not disturbed: a copy of the belief
     /// is moved to the time.
@@ -108,7 +108,7 @@ pub struct End<S: Family, const N: usize> {
     pub outside: usize,
 }
 
-/// Samples between two calls of `poll`.
+/// Events (samples, measurements, rows) between two calls of `poll`.
 const CHUNK: usize = 4096;
 
 /// One replay, over any filter and system.
@@ -133,6 +133,8 @@ struct Cursor<B> {
     measurement: usize,
     /// Rows written at a period.
     written: usize,
+    /// What has happened since the start.
+    events: usize,
 }
 
 /// What comes next.
@@ -145,7 +147,7 @@ enum Event {
 
 impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
     /// Runs from `start` to the last input sample. At equal times measurements come before output.
-    /// `poll` is called with the number of the sample every few thousand samples and may end the run.
+    /// `poll` is called with the number of the sample every few thousand events and may end the run.
     ///
     /// # Errors
     /// Times that do not increase, a start outside the samples, a covariance that is not positive
@@ -173,7 +175,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             return Err(Error::NotPositiveDefinite { what: "initial covariance", step: first, t: start.t });
         }
         let before = (0..self.sensors.len()).take_while(|i| self.sensors.time(*i) < start.t).count();
-        let mut cursor = Cursor { belief, t: start.t, measurement: before, written: 0 };
+        let mut cursor = Cursor { belief, t: start.t, measurement: before, written: 0, events: 0 };
         let every = match self.output {
             Output::Every(n) => n,
             Output::Period(_) => usize::MAX,
@@ -185,12 +187,9 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             if leg > 0 && end.partial_cmp(&times[k]) != Some(Ordering::Greater) {
                 return Err(Error::NotIncreasing { field: "gyro.t", row: reached, previous: times[k], value: end });
             }
-            self.leg::<T, K, N>(&mut cursor, start, (k, end), sink)?;
-            if leg.is_multiple_of(every) && every < usize::MAX && times[reached] >= start.t {
+            self.leg::<T, K, N>(&mut cursor, start, (k, end), sink, poll)?;
+            if leg.is_multiple_of(every) && every < usize::MAX {
                 sink.state(end, reached, &cursor.belief);
-            }
-            if leg % CHUNK == 0 {
-                poll(reached)?;
             }
         }
         let cov = cursor.belief.covariance();
@@ -211,6 +210,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
         start: &Start<D::Space, N>,
         (k, end): (usize, f64),
         sink: &mut K,
+        poll: &mut dyn FnMut(usize) -> Result<()>,
     ) -> Result<()>
     where
         D: Dynamics<N>,
@@ -220,6 +220,10 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
     {
         let u = self.drive.input::<T>(k);
         loop {
+            cursor.events += 1;
+            if cursor.events.is_multiple_of(CHUNK) {
+                poll(k)?;
+            }
             let (to, event) = self.next_event::<D::Space, _, N>(cursor, start.t, end);
             let before = (event == Event::PeriodicOutput).then_some(cursor.belief);
             if to > cursor.t {

@@ -2,7 +2,8 @@
 
 use celestcore_core::attitude::{Columns, Measured, Rows};
 use celestcore_core::replay::MAX_DOF;
-use numpy::{Element, PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::PyTypeCheck;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -25,24 +26,27 @@ pub(crate) struct Arrays<'py> {
 }
 
 impl<'py> Arrays<'py> {
-    pub(crate) fn new(py: Python<'py>, rows: Rows, covariance: bool) -> Self {
+    /// # Errors
+    /// `MemoryError` where there is not enough.
+    pub(crate) fn new(py: Python<'py>, rows: Rows, covariance: bool) -> PyResult<Self> {
         let (n, m) = (rows.output, rows.measured);
-        Self {
-            t: column(py, n),
-            q: table(py, n, 4),
-            rate: table(py, n, 3),
-            bias: table(py, n, 3),
-            sigma: table(py, n, 6),
-            covariance: PyArray3::zeros(py, [if covariance { n } else { 0 }, 6, 6], false),
-            measurement_t: column(py, m),
-            sensor: column(py, m),
-            row: column(py, m),
-            dof: column(py, m),
-            nis: column(py, m),
-            accepted: column(py, m),
-            innovation: table(py, m, MAX_DOF),
-            innovation_sigma: table(py, m, MAX_DOF),
-        }
+        let zeros = Zeros(py.import("numpy")?.getattr("zeros")?);
+        Ok(Self {
+            t: zeros.column(n)?,
+            q: zeros.table(n, 4)?,
+            rate: zeros.table(n, 3)?,
+            bias: zeros.table(n, 3)?,
+            sigma: zeros.table(n, 6)?,
+            covariance: zeros.make((if covariance { n } else { 0 }, 6, 6), "f8")?,
+            measurement_t: zeros.column(m)?,
+            sensor: zeros.make(m, "i4")?,
+            row: zeros.make(m, "i4")?,
+            dof: zeros.make(m, "i4")?,
+            nis: zeros.column(m)?,
+            accepted: zeros.make(m, "?")?,
+            innovation: zeros.table(m, MAX_DOF)?,
+            innovation_sigma: zeros.table(m, MAX_DOF)?,
+        })
     }
 
     /// Calls `job` with the arrays' memory.
@@ -97,10 +101,21 @@ impl<'py> Arrays<'py> {
     }
 }
 
-fn column<T: Element>(py: Python<'_>, n: usize) -> Bound<'_, PyArray1<T>> {
-    PyArray1::zeros(py, n, false)
-}
+/// numpy's own `zeros`, which raises where memory runs out (the crate's panics).
+struct Zeros<'py>(Bound<'py, PyAny>);
 
-fn table(py: Python<'_>, n: usize, width: usize) -> Bound<'_, PyArray2<f64>> {
-    PyArray2::zeros(py, [n, width], false)
+impl<'py> Zeros<'py> {
+    fn make<S, A>(&self, shape: S, dtype: &str) -> PyResult<Bound<'py, A>>
+    where
+        S: IntoPyObject<'py>,
+        A: PyTypeCheck,
+    {
+        Ok(self.0.call1((shape, dtype))?.cast_into::<A>()?)
+    }
+    fn column(&self, n: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.make(n, "f8")
+    }
+    fn table(&self, n: usize, width: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.make((n, width), "f8")
+    }
 }

@@ -13,6 +13,7 @@ use celestcore_core::filter::{Ekf, SrUkf, Ukf, Unscented};
 use celestcore_core::replay::{Output, Start};
 use celestcore_core::scalar::Level;
 use numpy::PyArray1;
+use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::time::{Duration, Instant};
@@ -148,12 +149,17 @@ fn replay<'py>(
     let sensors = AttitudeSensors::new(&series, setup.gate).map_err(|e| raise(py, e))?;
     let start = match given {
         Some(start) => Ok(start),
-        None => first_fix(&gyro, &sensors, bias0, bias_sigma),
+        None => first_fix(&gyro, &sensors, &model, bias0, bias_sigma),
     }
     .map_err(|e| raise(py, e))?;
     let rows = rows_of(&gyro, &sensors, &start, options.output).map_err(|e| raise(py, e))?;
 
-    let arrays = Arrays::new(py, rows, covariance);
+    let arrays = Arrays::new(py, rows, covariance).map_err(|e| {
+        if !e.is_instance_of::<PyMemoryError>(py) {
+            return e;
+        }
+        input(py, &format!("{} output rows do not fit into memory: ask for fewer, by every or period", rows.output))
+    })?;
     let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
     let mut listener = Listener { progress, total: gyro.t.len(), heard: Instant::now(), stopped: None };
     let (end, elapsed) = arrays.write(|columns, measured| {

@@ -143,8 +143,10 @@ fn three(x: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
             return Ok([view[0], view[1], view[2]]);
         }
     }
-    x.extract::<[f64; 3]>()
-        .map_err(|_| input(x.py(), &format!("rate must be three numbers in rad/s, not {}", x.get_type())))
+    x.extract::<[f64; 3]>().map_err(|_| {
+        let shown = x.repr().map_or_else(|_| x.get_type().to_string(), |r| r.to_string());
+        input(x.py(), &format!("rate must be three numbers in rad/s, got {shown}"))
+    })
 }
 
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {

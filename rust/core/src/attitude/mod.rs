@@ -13,5 +13,5 @@ pub use run::{AnyFilter, Buffers, Columns, Log, Measured, Options, Rows, rows, r
 pub use sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
 pub use series::{AttitudeSensor, AttitudeSensors, DirectionSeries, GyroSeries, StarSeries};
 pub use start::first_fix;
-pub use state::{Attitude, AttitudeBias, UnitQuaternion, Vector3, is_unit};
+pub use state::{Attitude, AttitudeBias, UnitQuaternion, Vector3};
 pub use stream::{Snapshot, Stream};

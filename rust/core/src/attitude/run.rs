@@ -92,19 +92,22 @@ pub fn rows(
     Ok(Rows { output: output_rows(gyro.t, start.t, last, output)?, measured })
 }
 
+/// Rows beyond which a period is taken for a mistake.
+const MAX_ROWS: f64 = 1e9;
+
 fn output_rows(times: &[f64], start: f64, last: f64, output: Output) -> Result<usize> {
     match output {
         Output::Every(0) => Err(Error::Parameter { field: "every", value: 0.0, need: "must be at least 1" }),
         Output::Every(n) => {
-            // samples 0, n, 2n … from the one at or before the start; one before it is not written
+            // the start, then the n-th, 2n-th … sample after it
             let first = times.partition_point(|t| *t <= start).saturating_sub(1);
-            let early = usize::from(times.get(first).is_some_and(|t| *t < start));
-            Ok((times.len() - first).div_ceil(n) - early)
+            Ok((times.len() - first).div_ceil(n))
         }
         Output::Period(p) if p.is_finite() && p > 0.0 => {
             let estimate = ((last - start) / p).max(0.0);
-            if estimate > 1e10 {
-                return Err(Error::Parameter { field: "period", value: p, need: "is too short for the log's span" });
+            if estimate > MAX_ROWS || last + p <= last {
+                let need = "is too short for the log's span: it makes too many rows, or does not move the time";
+                return Err(Error::Parameter { field: "period", value: p, need });
             }
             // the same expression as the replay's, so that rounding cannot make a difference
             let mut n = (estimate as usize).saturating_sub(1);
@@ -213,8 +216,11 @@ impl Sink<AttitudeBias, 6> for Writer<'_> {
             }
         }
         let bias = [x.bias[0].lane(0), x.bias[1].lane(0), x.bias[2].lane(0)];
-        let rate =
-            if t > self.gyro.t[k] { Drive::<GyroModel, 6>::input::<f64>(self.gyro, k).rate } else { self.gyro.rate[k] };
+        let rate = match self.gyro.t.get(k + 1) {
+            Some(next) if t >= *next => self.gyro.rate[k + 1],
+            _ if t > self.gyro.t[k] => Drive::<GyroModel, 6>::input::<f64>(self.gyro, k).rate,
+            _ => self.gyro.rate[k],
+        };
         let variance = belief.variance();
         let mut sigma = [0.0; 6];
         for i in 0..6 {

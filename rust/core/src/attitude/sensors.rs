@@ -5,7 +5,7 @@ use crate::linalg::{Matrix, Vector, from_fn, skew, zeros};
 use crate::manifold::Family;
 use crate::model::Measurement;
 use crate::quaternion::{Quaternion, conjugate, cross, difference, dot3, rotate, tangents};
-use crate::scalar::Real;
+use crate::scalar::{Mask, Real};
 
 /// Star camera (or any sensor) that reports the whole attitude `q_ib`. The residual is the rotation
 /// vector from the predicted to the measured attitude in the body frame, rad.
@@ -95,8 +95,13 @@ impl Measurement<6, 2> for Direction {
     #[inline(always)]
     fn residual<T: Real>(&self, z: &[T; 3], zhat: &[T; 3]) -> Vector<T, 2> {
         let [u, v] = tangents(zhat);
-        let arc = arc_over_sine(dot3(&cross(zhat, z), &cross(zhat, z)), dot3(zhat, z));
-        [dot3(&u, z) * arc, dot3(&v, z) * arc]
+        let across = cross(zhat, z);
+        let (sine2, cosine) = (dot3(&across, &across), dot3(zhat, z));
+        let arc = arc_over_sine(sine2, cosine);
+        // opposite directions are half a turn apart, by any way
+        let opposite = T::splat(1e-16).gt(sine2).and(T::zero().gt(cosine));
+        let first = dot3(&u, z) * arc;
+        [T::select(opposite, T::splat(std::f64::consts::PI), first), dot3(&v, z) * arc]
     }
     #[inline(always)]
     fn noise<T: Real>(&self, given: &Reference<T>) -> Matrix<T, 2, 2> {
@@ -130,7 +135,7 @@ fn arc_over_sine<T: Real>(sine2: T, cosine: T) -> T {
         #[inline(always)]
         |i| {
             let (s, c) = (sine2.lane(i).sqrt(), cosine.lane(i));
-            // the limit at zero; opposite directions have no arc, any direction of the axes serves
+            // the limit at zero
             if s < 1e-8 { 1.0 } else { s.atan2(c) / s }
         },
     )

@@ -1,16 +1,19 @@
 //! A start from the first star fixes.
 
+use super::gyro::GyroModel;
 use super::series::{AttitudeSensor, AttitudeSensors, GyroSeries};
 use super::state::{Attitude, AttitudeBias};
 use crate::error::{Error, Result};
 use crate::linalg::{Matrix, zeros};
-use crate::quaternion::{Quaternion, angle_between, conjugate, exp, multiply, unit};
+use crate::quaternion::{Quaternion, conjugate, difference, dot3, exp, multiply, unit};
 use crate::replay::{Drive, Sensors, Start};
 
 /// Fixes that are compared with each other.
 const CANDIDATES: usize = 7;
-/// How many standard deviations two fixes may differ by.
-const AGREEMENT: f64 = 6.0;
+/// Chi-square, 3 degrees of freedom, that a good difference exceeds once in a million times.
+const AGREEMENT: f64 = 30.7;
+/// Chi-square that the fix to start from does not exceed: 99 of 100 good ones.
+const START: f64 = 11.3;
 
 struct Fix {
     measurement: usize,
@@ -25,30 +28,99 @@ struct Fix {
 /// gyro: one bad first fix does not matter. The bias starts at `bias` with standard deviation
 /// `bias_sigma` per axis (rad/s); the attitude's covariance is the fix's own.
 ///
+/// Fixes agree when one constant bias explains what the gyro misses between them, to their own noise:
+/// every pair of fixes proposes a bias, the best supported proposal is fitted to all that support it,
+/// and the first fix that lies well within its own noise of that fit is taken. Where no pair convinces
+/// most of the others, agreement to the uncertainty of the bias is enough, and failing that the first
+/// fix is all there is.
+///
 /// # Errors
 /// `NoStart` where no star fix lies within the gyro's time span.
 pub fn first_fix(
     gyro: &GyroSeries<'_>,
     sensors: &AttitudeSensors<'_>,
+    model: &GyroModel,
     bias: [f64; 3],
     bias_sigma: [f64; 3],
 ) -> Result<Start<AttitudeBias, 6>> {
     let fixes = candidates(gyro, sensors, &bias);
-    let slack = bias_sigma.iter().map(|s| s * s).sum::<f64>();
-    let agree = |a: &Fix, b: &Fix| {
-        let carried = multiply(&a.q, &multiply(&conjugate(&a.turned), &b.turned));
-        let dt = b.t - a.t;
-        let variance = trace(&a.noise) + trace(&b.noise) + slack * dt * dt;
-        angle_between(&carried, &b.q) <= AGREEMENT * variance.sqrt()
-    };
-    let supported = |a: &&Fix| 2 * fixes.iter().filter(|b| agree(a, b)).count() > fixes.len();
-    let fix = fixes.iter().find(supported).or(fixes.first()).ok_or(Error::NoStart { sensor: "star camera" })?;
+    let slack = bias_sigma.iter().fold(0.0, |m: f64, s| m.max(s * s));
+    let close = |a: &&Fix| 2 * fixes.iter().filter(|b| a.near(b, slack)).count() > fixes.len();
+    let fix = best_supported(&fixes, model.arw, slack)
+        .or_else(|| fixes.iter().find(close))
+        .or(fixes.first())
+        .ok_or(Error::NoStart { sensor: "star camera" })?;
     Ok(Start {
         t: fix.t,
         mean: Attitude { q: fix.q, bias },
         covariance: covariance(&fix.noise, &bias_sigma),
         used: Some(fix.measurement),
     })
+}
+
+impl Fix {
+    /// Rotation vector from this fix, carried to the other's time by the gyro, to the other.
+    fn missed(&self, other: &Fix) -> [f64; 3] {
+        difference(&multiply(&self.q, &multiply(&conjugate(&self.turned), &other.turned)), &other.q)
+    }
+    /// Whether the two agree to the uncertainty of the bias.
+    fn near(&self, other: &Fix, slack: f64) -> bool {
+        let (v, dt) = (self.missed(other), other.t - self.t);
+        dot3(&v, &v) <= AGREEMENT * (variance(&self.noise) + variance(&other.noise) + slack * dt * dt)
+    }
+}
+
+/// The fix to start from, if some bias explains more than half of the fixes and at least two beside
+/// the one it is counted from.
+fn best_supported(fixes: &[Fix], arw: f64, slack: f64) -> Option<&Fix> {
+    let mut best: (usize, Option<&Fix>) = (fixes.len().max(3) / 2, None);
+    // a short pair says too little of the bias to carry it far
+    let span = fixes.last().zip(fixes.first()).map_or(0.0, |(b, a)| b.t - a.t);
+    for (i, a) in fixes.iter().enumerate() {
+        for b in fixes.iter().skip(i + 1).filter(|b| b.t > a.t && b.t - a.t >= 0.5 * span) {
+            let of_pair = pair_variance(a, b, arw);
+            let rate = a.missed(b).map(|v| v / (b.t - a.t));
+            if dot3(&rate, &rate) > AGREEMENT * (slack + of_pair) {
+                continue;
+            }
+            let explained: Vec<&Fix> = fixes
+                .iter()
+                .filter(|c| {
+                    let (v, dt) = (a.missed(c), c.t - a.t);
+                    let left: [f64; 3] = std::array::from_fn(|k| v[k] - rate[k] * dt);
+                    let own = variance(&a.noise) + variance(&c.noise) + arw * arw * dt.abs();
+                    dot3(&left, &left) <= AGREEMENT * (own + of_pair * dt * dt)
+                })
+                .collect();
+            if explained.len() > best.0 {
+                best = (explained.len(), well_within(a, &explained));
+            }
+        }
+    }
+    best.1
+}
+
+/// The first of some fixes that lies within its noise of a straight line through all of them.
+fn well_within<'a>(origin: &Fix, fixes: &[&'a Fix]) -> Option<&'a Fix> {
+    let n = fixes.len() as f64;
+    let middle = fixes.iter().map(|c| c.t - origin.t).sum::<f64>() / n;
+    let points: Vec<(f64, [f64; 3])> = fixes.iter().map(|c| (c.t - origin.t - middle, origin.missed(c))).collect();
+    let spread = points.iter().map(|(t, _)| t * t).sum::<f64>();
+    let line: [(f64, f64); 3] = std::array::from_fn(|k| {
+        let mean = points.iter().map(|(_, v)| v[k]).sum::<f64>() / n;
+        (mean, points.iter().map(|(t, v)| t * v[k]).sum::<f64>() / spread)
+    });
+    let inside = |(c, (t, v)): &(&&'a Fix, &(f64, [f64; 3]))| {
+        let left: [f64; 3] = std::array::from_fn(|k| v[k] - line[k].0 - line[k].1 * t);
+        dot3(&left, &left) <= START * variance(&c.noise)
+    };
+    fixes.iter().zip(&points).find(inside).map(|(c, _)| *c)
+}
+
+/// Variance per axis of the bias that a pair proposes, (rad/s)².
+fn pair_variance(a: &Fix, b: &Fix, arw: f64) -> f64 {
+    let dt = b.t - a.t;
+    (variance(&a.noise) + variance(&b.noise) + arw * arw * dt) / (dt * dt)
 }
 
 fn candidates(gyro: &GyroSeries<'_>, sensors: &AttitudeSensors<'_>, bias: &[f64; 3]) -> Vec<Fix> {
@@ -88,8 +160,9 @@ fn turn(gyro: &GyroSeries<'_>, from: f64, to: f64, bias: &[f64; 3]) -> Quaternio
     q
 }
 
-fn trace(noise: &[f64; 6]) -> f64 {
-    noise[0] + noise[3] + noise[5]
+/// Variance about the worst axis.
+fn variance(noise: &[f64; 6]) -> f64 {
+    noise[0].max(noise[3]).max(noise[5])
 }
 
 fn covariance(noise: &[f64; 6], bias_sigma: &[f64; 3]) -> Matrix<f64, 6, 6> {

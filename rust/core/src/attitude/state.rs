@@ -3,7 +3,7 @@
 use crate::linalg::{Matrix, Vector, block, congruence, identity, mul, set_block, transpose};
 use crate::manifold::{Family, Manifold};
 use crate::quaternion::{self, Quaternion, right_jacobian};
-use crate::scalar::{Mask, Real};
+use crate::scalar::Real;
 
 /// Attitude `q_ib` (body to inertial) and gyro bias in the body frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +40,10 @@ impl Manifold<6> for AttitudeBias {
     #[inline(always)]
     fn normalise<T: Real>(x: &Attitude<T>) -> Attitude<T> {
         Attitude { q: quaternion::renormalise(&x.q), bias: x.bias }
+    }
+    #[inline(always)]
+    fn valid<T: Real>(x: &Attitude<T>) -> T::Mask {
+        quaternion::norm_squared(&x.q).gt(T::splat(0.5))
     }
     #[inline(always)]
     fn reset<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>) -> Matrix<T, 6, 6> {
@@ -93,10 +97,4 @@ impl Family for Vector3 {
     fn zip<A: Real, B: Real, C: Real>(a: &[A; 3], b: &[B; 3], mut f: impl FnMut(A, B) -> C) -> [C; 3] {
         [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
     }
-}
-
-/// True in the lanes where the quaternion has unit length to `tolerance`.
-pub fn is_unit<T: Real>(q: &Quaternion<T>, tolerance: f64) -> T::Mask {
-    let n2 = quaternion::norm_squared(q);
-    n2.gt(T::splat((1.0 - tolerance) * (1.0 - tolerance))).and(T::splat((1.0 + tolerance) * (1.0 + tolerance)).gt(n2))
 }

@@ -154,7 +154,7 @@ impl Stream {
 
     fn update(&mut self, t: f64, fix: Fix<'_>) -> Result<Report> {
         self.in_order("update", t)?;
-        let before = (self.running, self.t);
+        let before = (self.running, self.t, self.steps);
         if t > self.t {
             let (since, rate) = self.last.ok_or(Error::Parameter {
                 field: "t",
@@ -171,14 +171,17 @@ impl Stream {
                 Ok(report)
             }
             None => {
-                (self.running, self.t) = before;
+                (self.running, self.t, self.steps) = before;
                 Err(Error::NotPositiveDefinite { what: "covariance in the update", step: self.steps, t })
             }
         }
     }
 
     fn in_order(&self, field: &'static str, t: f64) -> Result<()> {
-        if t >= self.t && t.is_finite() { Ok(()) } else { Err(Error::OutOfOrder { field, t, now: self.t }) }
+        if !t.is_finite() {
+            return Err(Error::Parameter { field: "t", value: t, need: "must be finite" });
+        }
+        if t >= self.t { Ok(()) } else { Err(Error::OutOfOrder { field, t, now: self.t }) }
     }
 
     fn advance(&mut self, t: f64, input: &GyroInput<f64>) -> Result<()> {

@@ -1,0 +1,190 @@
+"""`StarGyroState`: the attitude filter, one sample at a time."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from celestcore import _core
+from celestcore._arguments import Sigma0, covariance_of, one_quaternion, positive, three
+from celestcore._check import FloatArray, array, covariances, directions, number
+from celestcore.errors import InputError
+from celestcore.sensors import VectorSensor
+
+if TYPE_CHECKING:
+    from celestcore.navigator import StarGyroNavigator
+    from celestcore.quaternion import QuaternionLike
+
+__all__ = ["StarGyroState"]
+
+
+class StarGyroState(_core.AttitudeStream):
+    """A filter that is fed sample by sample: what `StarGyroNavigator.start` returns.
+
+    Samples come in order of time: `predict` with each gyro sample, `update` with each star fix,
+    `update_direction` with each direction. The result is that of `StarGyroNavigator.run` on the
+    same samples, except where a measurement falls between two gyro samples and the gyro's sampling
+    is "integrated" or "average": the sample that ends the interval is then not known yet, and the
+    last one is held. Without `Gyro.max_gap` no step is a gap: a stream knows no median step.
+
+    Attributes
+    ----------
+    t : float
+        Time of the state [s].
+    q : ndarray (4,)
+        Attitude ``q_ib``.
+    rate : ndarray (3,) or None
+        Latest gyro sample less the bias, body frame [rad/s].
+    bias : ndarray (3,)
+        Gyro bias, body frame [rad/s].
+    sigma : ndarray (6,)
+        1-sigma of the error state [rad], [rad/s].
+    covariance : ndarray (6, 6)
+        Covariance of the error state.
+    """
+
+    navigator: StarGyroNavigator
+
+    def __new__(
+        cls,
+        navigator: StarGyroNavigator,
+        t: float,
+        q: Sequence[float],
+        bias: ArrayLike,
+        sigma0: Sigma0 | None,
+        covariance0: ArrayLike | None = None,
+    ) -> StarGyroState:
+        """Make the core's state."""
+        gap = navigator.gyro.max_gap
+        setup = navigator._setup(np.inf if gap is None else gap)
+        mounting: Any = navigator.gyro.mounting  # a plain tuple since Gyro was made
+        self = super().__new__(
+            cls, setup, mounting, t, q, three(bias, "bias"), covariance_of(sigma0, covariance0)
+        )
+        self.navigator = navigator
+        return self
+
+    def update(
+        self,
+        t: float,
+        q: QuaternionLike,
+        *,
+        camera: str = "star",
+        sigma: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+    ) -> _core.Update:
+        """Correct by a star fix.
+
+        Parameters
+        ----------
+        t : float
+            Its time [s], not before the state's.
+        q : array_like (4,) or scipy Rotation
+            Camera to inertial, either sign (body to inertial if the camera has no mounting).
+        camera : str
+            Name of the camera, if there are several.
+        sigma : float or array_like (3,), optional
+            1-sigma of this fix in camera axes [rad]; by default the camera's.
+        covariance : array_like (3, 3), optional
+            Its covariance instead [rad^2].
+
+        Returns
+        -------
+        Update
+            With ``accepted``, ``nis``, ``dof``, ``innovation`` (3,) and its ``covariance`` (3, 3).
+
+        Raises
+        ------
+        InputError
+            A bad quaternion, or a time before the state's; the state is as it was.
+        NumericalError
+            A covariance that is not positive definite; the state is as it was.
+        """
+        own = self.navigator._camera(camera)
+        each = None if sigma is None else np.reshape(positive(sigma, "sigma"), (1, 3))
+        full = None
+        if covariance is not None:
+            full = array(covariance, "covariance", (3, 3))[None]
+            full = covariances(full, "covariance", 1, one=True)
+        q_ib, noise = own.to_body(np.reshape(one_quaternion(q, "q"), (1, 4)), each, full)
+        return self.update_star(number(t, "t"), q_ib[0].tolist(), noise[0].tolist())
+
+    def update_direction(
+        self,
+        t: float,
+        body: ArrayLike,
+        inertial: ArrayLike,
+        *,
+        sensor: str | None = None,
+        sigma: float | None = None,
+    ) -> _core.Update:
+        """Correct by a direction: a star, the Sun, the magnetic field.
+
+        Parameters
+        ----------
+        t : float
+            Its time [s], not before the state's.
+        body : array_like (3,)
+            Measured direction in the sensor's frame, any length.
+        inertial : array_like (3,)
+            The same direction in the inertial frame, any length.
+        sensor : str, optional
+            Name of the sensor, if there are several.
+        sigma : float, optional
+            1-sigma of this one [rad]; by default the sensor's.
+
+        Returns
+        -------
+        Update
+            With ``accepted``, ``nis``, ``dof``, ``innovation`` (2,) and its ``covariance`` (2, 2).
+
+        Raises
+        ------
+        InputError
+            A vector without direction, no noise, a time before the state's.
+        """
+        nav = self.navigator
+        own = nav._direction(sensor or "") if nav.vector is not None else None
+        if sigma is None and own is None:
+            raise InputError("is needed: the navigator has no vector sensor", field="sigma")
+        given = own.sigma if sigma is None and own is not None else sigma
+        noise = number(given, "sigma", above=0.0)
+        plain = own if own is not None else VectorSensor(noise)
+        b = plain.to_body(directions(array(body, "body", (3,))[None], "body"))[0]
+        i = directions(array(inertial, "inertial", (3,))[None], "inertial")[0]
+        i /= np.linalg.norm(i)
+        return self.update_vector(number(t, "t"), b.tolist(), i.tolist(), noise)
+
+    @property
+    def sigma(self) -> FloatArray:
+        """1-sigma of the error state (6,) [rad], [rad/s]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def rate(self) -> FloatArray | None:
+        """Latest gyro sample less the bias (3,) [rad/s], None before the first."""
+        last = self._snapshot()[4]
+        return None if last is None else np.asarray(last[1]) - self.bias
+
+    def copy(self) -> StarGyroState:
+        """Return a copy that goes its own way."""
+        return copy.copy(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restore, (type(self), self.navigator, self._snapshot()), self.__dict__
+
+    def __repr__(self) -> str:
+        sigma = ", ".join(f"{s:.3g}" for s in self.sigma)
+        return f"StarGyroState(t={self.t:.10g}, q={self.q.round(9).tolist()}, sigma=[{sigma}])"
+
+
+def _restore(
+    cls: type[StarGyroState], navigator: StarGyroNavigator, parts: tuple[Any, ...]
+) -> StarGyroState:
+    state = StarGyroState.__new__(cls, navigator, parts[0], parts[1], parts[2], (1.0, 1.0))
+    state._restore(parts)
+    return state
