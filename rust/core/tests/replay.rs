@@ -12,7 +12,7 @@ use celestcore_core::filter::{Ekf, SrUkf, Ukf};
 use celestcore_core::quaternion::{Integrator, angle_between, exp, multiply};
 use celestcore_core::replay::Output;
 use celestcore_core::scalar::Level;
-use common::{ARW, DT, Made, RRW, SIGMA, made, start};
+use common::{ARW, Made, RRW, SIGMA, made, start};
 
 const TIMING: GyroTiming = GyroTiming { sampling: Sampling::Hold, max_gap: 10.0, gap_rate_sigma: 1e-3 };
 
