@@ -197,7 +197,7 @@ def _run_table(
         *settings.items(),
         ("Fixes that set the start", f"{counts['start']:,}"),
         ("Missing measurements (NaN)", f"{counts['missing']:,}"),
-        ("Fixes outside the gyro's time span", f"{counts['outside']:,}"),
+        ("Fixes before the start or after the gyro's last sample", f"{counts['outside']:,}"),
         ("Gyro gaps", _gaps(solution)),
     ]
     if command:

@@ -94,7 +94,7 @@ class Solution:
         Start and end of the gyro gaps, s.
     counts : dict of str to int
         samples, fixes, accepted, rejected, start (fixes that set the start), missing, outside
-        (fixes beyond the gyro's time span) and gaps.
+        (fixes before the start or after the last gyro sample) and gaps.
     covariance : array, (n, 6, 6), or None
         Full covariance, when it was asked for.
     epoch : str or None
