@@ -1,6 +1,6 @@
 //! What a filter knows, and what an update reports.
 
-use crate::linalg::{Matrix, Vector, cholesky, mul_t, symmetric, zeros};
+use crate::linalg::{Matrix, Vector, cholesky, mul_t, symmetric};
 use crate::manifold::{Family, Manifold, select_matrix};
 use crate::scalar::{Mask, Real};
 
@@ -151,26 +151,4 @@ pub struct Outcome<T: Real, const M: usize> {
     pub covariance: Matrix<T, M, M>,
     /// Normalised innovation squared, chi-square with `M` degrees of freedom.
     pub nis: T,
-}
-
-impl<T: Real, const M: usize> Outcome<T, M> {
-    /// Standard deviation of each component of the innovation.
-    #[inline(always)]
-    pub fn sigma(&self) -> Vector<T, M> {
-        let mut s = [T::zero(); M];
-        for i in 0..M {
-            s[i] = self.covariance[(i, i)].sqrt();
-        }
-        s
-    }
-}
-
-/// A matrix of zeros but for the given diagonal.
-#[inline(always)]
-pub fn diagonal<T: Real, const N: usize>(d: &Vector<T, N>) -> Matrix<T, N, N> {
-    let mut m = zeros();
-    for i in 0..N {
-        m[(i, i)] = d[i];
-    }
-    m
 }

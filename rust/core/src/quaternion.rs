@@ -243,6 +243,7 @@ pub fn tangents<T: Real>(n: &Vector<T, 3>) -> [Vector<T, 3>; 2] {
     [[T::one() + sign * n[0] * n[0] * a, sign * b, -(sign * n[0])], [b, sign + n[1] * n[1] * a, -n[1]]]
 }
 
+// series of the four coefficients below, to double precision up to half a radian
 const C1: [f64; 7] =
     [1.0 / 87_178_291_200.0, -1.0 / 479_001_600.0, 1.0 / 3_628_800.0, -1.0 / 40_320.0, 1.0 / 720.0, -1.0 / 24.0, 0.5];
 const C2: [f64; 7] = [
@@ -258,7 +259,7 @@ const C2: [f64; 7] = [
 const C3: [f64; 4] = [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0];
 const C4: [f64; 4] = [-2.0 / 39_916_800.0, 2.0 / 362_880.0, -2.0 / 5040.0, 2.0 / 120.0];
 
-/// `(sin θ/θ-type)` coefficients of a rotation vector of squared length `θ²`:
+/// What Jacobians and process noise need of a rotation vector of squared length `θ²`:
 /// `[(1 − cos θ)/θ², (θ − sin θ)/θ³, (½ − (1 − cos θ)/θ²)/θ², (⅓ − 2 (θ − sin θ)/θ³)/θ²]`.
 #[inline(always)]
 pub(crate) fn angle_coefficients<T: Real>(theta2: T) -> [T; 4] {
