@@ -34,7 +34,13 @@ __all__ = [
 
 _Array = NDArray[np.float64]
 _Snapshot = tuple[
-    float, Sequence[float], Sequence[float], _Array, tuple[float, Sequence[float]] | None, int
+    float,
+    Sequence[float],
+    Sequence[float],
+    _Array,
+    tuple[float, Sequence[float]] | None,
+    int,
+    _Array,
 ]
 
 __version__: str
@@ -84,6 +90,7 @@ class AttitudeStream:
         q: Sequence[float],
         bias: Sequence[float],
         covariance: _Array,
+        lag: float | None,
     ) -> Self: ...
     @property
     def t(self) -> float: ...
@@ -102,5 +109,6 @@ class AttitudeStream:
         inertial: Sequence[float],
         sigma: float,
     ) -> Update: ...
+    def _smoothed(self) -> tuple[_Array, _Array, _Array, _Array]: ...
     def _snapshot(self) -> _Snapshot: ...
     def _restore(self, parts: Any) -> None: ...

@@ -2,6 +2,7 @@
 
 mod calibration;
 mod gyro;
+mod history;
 mod invariant;
 mod literal;
 mod run;
@@ -14,6 +15,7 @@ mod system;
 
 pub use calibration::{CALIBRATED, Calibrated, CalibratedSpace, Calibration};
 pub use gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming, Sampling};
+pub use history::{PastStep, SmoothedState};
 pub use invariant::{InertialError, Invariant};
 pub use literal::{ErrorQuaternion, Literal, LiteralModel, LiteralSpace};
 pub use run::{AnyFilter, Buffers, Columns, Log, Measured, Options, Rows, calibrate, rows, run, smooth};
