@@ -15,12 +15,20 @@ Examples
 array([0.68, 0.68, 0.68])
 """
 
+from celestcore.analysis.autocorrelation import Whiteness, whiteness
+from celestcore.analysis.chi_square import Consistency, consistency, nees, nis
 from celestcore.analysis.drift import WithheldDrift, withheld_drift
 from celestcore.analysis.steady import SteadyState, steady_state
 
 __all__ = [
+    "Consistency",
     "SteadyState",
+    "Whiteness",
     "WithheldDrift",
+    "consistency",
+    "nees",
+    "nis",
     "steady_state",
+    "whiteness",
     "withheld_drift",
 ]
