@@ -15,17 +15,22 @@ Examples
 array([0.68, 0.68, 0.68])
 """
 
+from celestcore.analysis.allan import AllanDeviation, AllanFit, allan_deviation, fit_allan
 from celestcore.analysis.autocorrelation import Whiteness, whiteness
 from celestcore.analysis.chi_square import Consistency, consistency, nees, nis
 from celestcore.analysis.drift import WithheldDrift, withheld_drift
 from celestcore.analysis.steady import SteadyState, steady_state
 
 __all__ = [
+    "AllanDeviation",
+    "AllanFit",
     "Consistency",
     "SteadyState",
     "Whiteness",
     "WithheldDrift",
+    "allan_deviation",
     "consistency",
+    "fit_allan",
     "nees",
     "nis",
     "steady_state",
