@@ -20,6 +20,7 @@ from celestcore.analysis.allan import AllanDeviation, AllanFit, allan_deviation,
 from celestcore.analysis.autocorrelation import Whiteness, whiteness
 from celestcore.analysis.chi_square import Consistency, consistency, nees, nis
 from celestcore.analysis.drift import WithheldDrift, withheld_drift
+from celestcore.analysis.noise import NoiseEstimate, estimate_noise
 from celestcore.analysis.requirements import required_gyro, required_star
 from celestcore.analysis.steady import SteadyState, steady_state
 
@@ -27,11 +28,13 @@ __all__ = [
     "AllanDeviation",
     "AllanFit",
     "Consistency",
+    "NoiseEstimate",
     "SteadyState",
     "Whiteness",
     "WithheldDrift",
     "allan_deviation",
     "consistency",
+    "estimate_noise",
     "fit_allan",
     "nees",
     "nis",
