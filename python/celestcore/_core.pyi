@@ -29,6 +29,7 @@ __all__ = [
     "quat_to_matrix",
     "release_build",
     "replay",
+    "wahba_solve",
 ]
 
 _Array = NDArray[np.float64]
@@ -55,6 +56,14 @@ def quat_angle_between(a: _Array, b: _Array) -> _Array: ...
 def quat_slerp(a: _Array, b: _Array, s: _Array) -> _Array: ...
 def quat_continuous(q: _Array, length: int) -> _Array: ...
 def quat_propagate(q0: _Array, rates: _Array, dt: _Array, method: str) -> _Array: ...
+def wahba_solve(
+    body: _Array,
+    inertial: _Array,
+    sigma: _Array | None,
+    weights: _Array | None,
+    frames: int,
+    name: str,
+) -> dict[str, Any]: ...
 def replay(
     gyro_t: _Array,
     gyro_rate: _Array,

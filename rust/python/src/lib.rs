@@ -7,6 +7,7 @@ mod errors;
 mod quaternions;
 mod replay;
 mod stream;
+mod wahba;
 
 use pyo3::prelude::*;
 
@@ -30,5 +31,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(chi2_cdf, m)?)?;
     quaternions::register(m)?;
     replay::register(m)?;
+    wahba::register(m)?;
     stream::register(m)
 }

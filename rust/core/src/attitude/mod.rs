@@ -7,6 +7,7 @@ mod series;
 mod start;
 mod state;
 mod stream;
+pub mod wahba;
 
 pub use gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming, Sampling};
 pub use run::{AnyFilter, Buffers, Columns, Log, Measured, Options, Rows, rows, run};
