@@ -137,17 +137,18 @@ def solve(
     Notes
     -----
     The covariance follows the QUEST measurement model, ``P = inv(sum((I - b b^T) / sigma^2))``
-    (Shuster and Oh eq. 102), with measured ``b``; it is to first order in ``sigma``, for errors small
-    against a radian. With weights of another kind it is ``inv(H) G inv(H)`` with ``H = sum(w (I -
-    b b^T))``, ``G = sum(w^2 sigma^2 (I - b b^T))``. Weights alone tell no noise and give none.
+    (Shuster and Oh eq. 102), with measured ``b``; it holds for errors that are small against
+    a radian. With weights of another kind it is ``inv(H) G inv(H)``, ``H = sum(w (I - b b^T))``
+    and ``G = sum(w^2 sigma^2 (I - b b^T))``. Weights alone tell no noise and give none.
 
-    All methods find the same optimum, to rounding: an error of about ``1e-16 / e`` rad about
-    the weakest axis, where ``e`` is the smallest over the largest eigenvalue of the information
-    matrix ``H``. Frames with ``e < 1e-12`` are degenerate, for instance two stars closer than 2e-6
-    rad. ``"svd"`` and ``"davenport"`` (eigenvectors of his 4x4 matrix) are equally good. QUEST's
-    characteristic equation is worse conditioned: where ``e`` is below about ``1e-4`` (a narrow
-    field, or accuracies that differ by a hundred or more) its result is worse than theirs, and one
-    further than 1e-8 rad from the optimum is replaced by Davenport's.
+    All methods find the same optimum. Let ``e`` be the smallest over the largest eigenvalue of the
+    information matrix ``H``; rounding turns the answer about the weakest axis by some ``1e-16 / e``
+    rad with ``"svd"`` (one-sided Jacobi), ten times as much with ``"davenport"`` (eigenvectors of
+    his 4x4 matrix) and ``1e-17 / e^2`` with ``"quest"`` (Newton's method on the characteristic
+    equation, sequential rotations near half a turn). QUEST is therefore the worse the narrower the
+    field, or the more unequal the accuracies; where it ends further than 1e-8 rad from the optimum
+    (``e`` below some 5e-5) Davenport's result is returned instead. Frames with ``e < 1e-12`` are
+    degenerate, for instance two stars closer than 2e-6 rad.
 
     Examples
     --------
@@ -176,17 +177,16 @@ def solve(
     b, r = _spread(b, (*shape, 3)), _spread(r, (*shape, 3))
     _check_directions(b, r)
     rows = {n: _spread(a, shape) for n, a in rows.items()}
-    _check_rows(rows, np.isfinite(b).all(axis=-1) & np.isfinite(r).all(axis=-1))
+    _check_rows(rows, np.all(np.isfinite(b) & np.isfinite(r), axis=-1, keepdims=True)[..., 0])
     frames = int(np.prod(shape[:-1]))
     out = _core.wahba_solve(b, r, rows.get("sigma"), rows.get("weights"), frames, method)
     if out["failed"] and degenerate == "raise":
-        raise _degenerate(*out["failed"][0], shape)
+        frame, vectors, axis = out["failed"][0]
+        raise _degenerate(frame, vectors, axis, shape)
     return _solution(out, shape[:-1], covariance=sigma is not None)
 
 
-def _solution(
-    out: dict[str, Any], leading: tuple[int, ...], *, covariance: bool
-) -> WahbaSolution:
+def _solution(out: dict[str, Any], leading: tuple[int, ...], *, covariance: bool) -> WahbaSolution:
     q = np.asarray(out["q"]).reshape(*leading, 4)
     if leading and q.size:
         q = _continuous(q)
@@ -233,15 +233,14 @@ def _shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
             f"holds {shapes[1][-1]} vectors a frame, body holds {shapes[0][-1]}; they go in pairs",
             field="inertial",
         )
-    frames = np.broadcast_shapes  # numpy's rules, with our error
     try:
-        shape = frames(*shapes)
+        shape = np.broadcast_shapes(*shapes)
     except ValueError:
         listed = " and ".join(str(s) for s in shapes)
         raise InputError(f"leading axes {listed} do not broadcast") from None
     if shape[-1] != shapes[0][-1]:
         raise InputError(
-            f"has {shape[-1]} columns for {shapes[0][-1]} vectors a frame; give one for each vector",
+            f"has {shape[-1]} columns for {shapes[0][-1]} vectors a frame; give one for each",
             field="sigma" if len(shapes) == 3 else "sigma or weights",
         )
     return shape
@@ -252,7 +251,7 @@ def _spread(a: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _frame(index: int, shape: tuple[int, ...]) -> int | None:
-    """Number of the frame of a flat index over (..., k); None if there is only one."""
+    """Return the frame of a flat index over (..., k); None if there is only one."""
     return index // shape[-1] if len(shape) > 1 else None
 
 

@@ -205,8 +205,7 @@ impl Optimum {
         let q = if q[0] < 0.0 { q.map(|c| -c) } else { q };
         let m = mul(&transpose(&to_matrix(&q)), profile);
         let trace = m[(0, 0)] + m[(1, 1)] + m[(2, 2)];
-        let h: Matrix3 =
-            symmetric(|i, j| if i == j { trace - m[(i, i)] } else { -0.5 * (m[(i, j)] + m[(j, i)]) });
+        let h: Matrix3 = symmetric(|i, j| if i == j { trace - m[(i, i)] } else { -0.5 * (m[(i, j)] + m[(j, i)]) });
         let curvature = SymmetricEigen::new(h);
         let least = curvature.eigenvalues.imin();
         let axis = std::array::from_fn(|i| curvature.eigenvectors[(i, least)]);
@@ -219,9 +218,7 @@ impl Optimum {
     /// Length of Newton's step from here to the optimum, rad.
     fn distance(&self) -> f64 {
         let c = &self.curvature;
-        let step = |k: usize| {
-            (0..3).map(|i| c.eigenvectors[(i, k)] * self.gradient[i]).sum::<f64>() / c.eigenvalues[k]
-        };
+        let step = |k: usize| (0..3).map(|i| c.eigenvectors[(i, k)] * self.gradient[i]).sum::<f64>() / c.eigenvalues[k];
         (0..3).map(|k| step(k).powi(2)).sum::<f64>().sqrt()
     }
 }
