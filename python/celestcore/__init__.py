@@ -25,6 +25,7 @@ True
 
 from celestcore import analysis, quaternion, wahba
 from celestcore._core import __version__
+from celestcore.camera import CameraModel, StarCatalogue
 from celestcore.config import Settings
 from celestcore.errors import (
     CelestcoreError,
@@ -47,6 +48,7 @@ __all__ = [
     "EKF",
     "SRUKF",
     "UKF",
+    "CameraModel",
     "CelestcoreError",
     "CelestcoreWarning",
     "Gyro",
@@ -58,6 +60,7 @@ __all__ = [
     "Settings",
     "Solution",
     "StarCamera",
+    "StarCatalogue",
     "StarGyroNavigator",
     "StarGyroState",
     "StateAt",

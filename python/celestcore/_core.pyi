@@ -11,6 +11,8 @@ __all__ = [
     "AttitudeStream",
     "Update",
     "__version__",
+    "camera_isotropic",
+    "camera_observe",
     "chi2_cdf",
     "chi2_quantile",
     "quat_angle_between",
@@ -56,6 +58,17 @@ def quat_angle_between(a: _Array, b: _Array) -> _Array: ...
 def quat_slerp(a: _Array, b: _Array, s: _Array) -> _Array: ...
 def quat_continuous(q: _Array, length: int) -> _Array: ...
 def quat_propagate(q0: _Array, rates: _Array, dt: _Array, method: str) -> _Array: ...
+def camera_isotropic(n: int, seed: int) -> _Array: ...
+def camera_observe(
+    q: _Array,
+    directions: _Array,
+    magnitudes: _Array,
+    numbers: tuple[float, float, float],
+    brightest: int,
+    shape: str,
+    random: tuple[int, int],
+    name: str,
+) -> dict[str, Any]: ...
 def wahba_solve(
     body: _Array,
     inertial: _Array,

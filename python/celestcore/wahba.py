@@ -137,9 +137,9 @@ def solve(
     Notes
     -----
     The covariance follows the QUEST measurement model, ``P = inv(sum((I - b b^T) / sigma^2))``
-    (Shuster and Oh eq. 102), with measured ``b``; it holds for errors that are small against
-    a radian. With weights of another kind it is ``inv(H) G inv(H)``, ``H = sum(w (I - b b^T))``
-    and ``G = sum(w^2 sigma^2 (I - b b^T))``. Weights alone tell no noise and give none.
+    (Shuster and Oh), with measured ``b``; it holds for errors that are small against a radian. With
+    weights of another kind it is ``inv(H) G inv(H)`` with ``H = sum(w (I - b b^T))`` and
+    ``G = sum(w^2 sigma^2 (I - b b^T))``. Weights alone tell no noise and give none.
 
     All methods find the same optimum. Let ``e`` be the smallest over the largest eigenvalue of the
     information matrix ``H``; rounding turns the answer about the weakest axis by some ``1e-16 / e``

@@ -75,7 +75,7 @@ def truth() -> Array:
 
 
 def conditioning(b: Array, r: Array, s: Array) -> Array:
-    """Smallest over largest curvature of the loss at its optimum (Markley 1988 eq. 20)."""
+    """Smallest over largest curvature of the loss at its optimum (Markley 1988)."""
     profile = np.einsum("k,ki,nkj->nij", s.min() ** 2 / s**2, r, b)
     u, d, v = np.linalg.svd(profile)
     third = d[:, 2] * np.sign(np.linalg.det(u) * np.linalg.det(v))

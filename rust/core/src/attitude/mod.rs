@@ -1,5 +1,6 @@
 //! Attitude from a gyro and star cameras or direction sensors.
 
+pub mod camera;
 mod gyro;
 mod run;
 mod sensors;

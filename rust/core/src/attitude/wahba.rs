@@ -29,8 +29,8 @@ pub enum Method {
     /// Davenport's q method: the eigenvector of the largest eigenvalue of his 4×4 matrix.
     Davenport,
     /// QUEST: that eigenvalue by Newton's method on the characteristic equation (Shuster and Oh 1981), with
-    /// the method of sequential rotations. Its coefficients lose digits where the vectors' accuracies
-    /// differ by a thousand or more; a result further than 1e-8 rad from the optimum is replaced by Davenport's.
+    /// the method of sequential rotations. The equation loses digits where the field is narrow or the vectors'
+    /// accuracies are unequal; a result further than 1e-8 rad from the optimum is replaced by Davenport's.
     Quest,
 }
 
@@ -149,7 +149,7 @@ impl<'a> Rows<'a> {
         let unit = if self.frame.weights.is_some() { self.weight } else { self.weight / (self.sigma * self.sigma) };
         0.5 * unit * self.used().map(|r| r.weight * squares(&r)).sum::<f64>()
     }
-    /// `[Σ (I − b bᵀ)/σ²]⁻¹` (Shuster and Oh eq. 102, the QUEST measurement model); with weights of another
+    /// `[Σ (I − b bᵀ)/σ²]⁻¹` (Shuster and Oh's measurement model); with weights of another
     /// kind `H⁻¹ [Σ w² σ² (I − b bᵀ)] H⁻¹`, `H = Σ w (I − b bᵀ)`, the same to first order. NaN without
     /// sigma, `None` if there is no inverse.
     fn covariance(&self) -> Option<Matrix3> {
@@ -234,7 +234,7 @@ fn axial(m: &Matrix3) -> Vector<f64, 3> {
     [m[(2, 1)] - m[(1, 2)], m[(0, 2)] - m[(2, 0)], m[(1, 0)] - m[(0, 1)]]
 }
 
-/// `R = U diag(1, 1, det U det V) Vᵀ` (Markley 1988 eq. 17) from the two largest singular values alone: the
+/// `R = U diag(1, 1, det U det V) Vᵀ` (Markley 1988) from the two largest singular values alone: the
 /// third directions are cross products, so both bases are right-handed and the determinant is one.
 fn svd(profile: &Matrix3) -> Quaternion<f64> {
     let (u, v) = singular_vectors(profile);
@@ -285,7 +285,7 @@ fn orthogonalise(w: &mut [Vector<f64, 3>; 3], v: &mut [Vector<f64, 3>; 3], p: us
     true
 }
 
-/// Davenport's matrix: the loss is `Σ w − qᵀ K q` (Markley and Mortari eq. 12).
+/// Davenport's matrix: the loss is `Σ w − qᵀ K q`.
 fn davenport_matrix(profile: &Matrix3) -> Matrix<f64, 4, 4> {
     let z = axial(profile);
     let trace = profile[(0, 0)] + profile[(1, 1)] + profile[(2, 2)];
@@ -303,7 +303,7 @@ fn davenport(profile: &Matrix3) -> Quaternion<f64> {
     normalise(&std::array::from_fn(|i| eigen.eigenvectors[(i, largest)]))
 }
 
-/// QUEST from `λ₀ = Σ w` (Shuster and Oh eqs. 59-75); `None` where it breaks down.
+/// QUEST from `λ₀ = Σ w` (Shuster and Oh 1981); `None` where it breaks down.
 fn quest(profile: &Matrix3, total: f64) -> Option<Quaternion<f64>> {
     let b = profile / total;
     let k = davenport_matrix(&b);
