@@ -245,12 +245,12 @@ class CameraModel:
         at, q_ib = _attitudes(t, q, times)
         q_ic = q_ib if self.mounting is None else multiply(q_ib, self.mounting)
         stars = self.catalogue
+        most = len(stars) if self.brightest is None else self.brightest
         out = _core.camera_observe(
             np.ascontiguousarray(q_ic),
             stars.directions,
             stars.magnitude,
-            (self.half_angle, self.magnitude_limit, self.sigma),
-            len(stars) if self.brightest is None else self.brightest,
+            (self.half_angle, self.magnitude_limit, self.sigma, most),
             self.shape,
             (integer(seed, "seed"), _stream(trial, camera)),
             method,
@@ -259,13 +259,8 @@ class CameraModel:
 
 
 def _stream(trial: int, camera: int) -> int:
-    trial, camera = integer(trial, "trial"), integer(camera, "camera")
-    if camera >= _CAMERAS or trial >= 1 << 56:
-        field, value, end = (
-            ("camera", camera, str(_CAMERAS)) if camera >= _CAMERAS else ("trial", trial, "2**56")
-        )
-        raise InputError(f"must be below {end}", field=field, value=value)
-    return trial << 8 | (_CHANNEL + camera)
+    trial = integer(trial, "trial", below=1 << 56)
+    return trial << 8 | (_CHANNEL + integer(camera, "camera", below=_CAMERAS))
 
 
 def _attitudes(

@@ -117,9 +117,12 @@ def _unit(v: FloatArray, field: str) -> FloatArray:
     return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
 
 
-def integer(value: Any, field: str, *, at_least: int = 0) -> int:
+def integer(value: Any, field: str, *, at_least: int = 0, below: int = 1 << 64) -> int:
     """Return a whole number, or raise an `InputError` that names the field."""
     out = number(value, field, at_least=float(at_least))
     if out != int(out):
         raise InputError("must be a whole number", field=field, value=value)
+    if int(value) >= below:
+        end = below if below < 1 << 32 else f"2**{below.bit_length() - 1}"
+        raise InputError(f"must be below {end}", field=field, value=value)
     return int(value)

@@ -26,16 +26,15 @@ fn camera_isotropic(py: Python<'_>, n: usize, seed: u64) -> PyResult<Bound<'_, P
 }
 
 /// Frames at attitudes `q_ic (n, 4)`: stars one frame after the other, and the fixes of the frames that have
-/// one. `(half_angle, magnitude_limit, sigma)` is the camera, `(seed, stream)` its noise.
+/// one. `(half_angle, magnitude_limit, sigma, brightest)` is the camera, `(seed, stream)` its noise.
 #[pyfunction]
-#[pyo3(signature = (q, directions, magnitudes, numbers, brightest, shape, random, name))]
+#[expect(clippy::too_many_arguments, reason = "called by the Python package alone")]
 fn camera_observe<'py>(
     py: Python<'py>,
     q: Array<'py>,
     directions: Array<'py>,
     magnitudes: Array<'py>,
-    numbers: (f64, f64, f64),
-    brightest: usize,
+    camera: (f64, f64, f64, usize),
     shape: &str,
     random: (u64, u64),
     name: &str,
@@ -46,7 +45,7 @@ fn camera_observe<'py>(
         let (n, m) = (directions.len(), magnitudes.len());
         return Err(input(py, &format!("{n} directions and {m} magnitudes do not go together")));
     }
-    let (half_angle, magnitude_limit, sigma) = numbers;
+    let (half_angle, magnitude_limit, sigma, brightest) = camera;
     let camera = Camera { outline: outline(py, shape)?, half_angle, magnitude_limit, brightest, sigma };
     let method = method(py, name)?;
     let catalogue = py.detach(|| Catalogue::new(directions, magnitudes));

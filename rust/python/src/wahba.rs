@@ -33,7 +33,7 @@ fn wahba_solve<'py>(
     let sigma = sigma.as_ref().map(|a| flat(a, "sigma")).transpose()?;
     let weights = weights.as_ref().map(|a| flat(a, "weights")).transpose()?;
     let method = method(py, name)?;
-    let k = if frames == 0 { 0 } else { body.len() / frames };
+    let k = body.len().checked_div(frames).unwrap_or(0);
     let lengths = [inertial.len(), sigma.map_or(k * frames, <[f64]>::len), weights.map_or(k * frames, <[f64]>::len)];
     if body.len() != k * frames || lengths != [k * frames; 3] {
         return Err(input(py, &format!("{} and {lengths:?} rows are not {frames} frames of {k}", body.len())));
