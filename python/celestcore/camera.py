@@ -74,6 +74,13 @@ class Observations:
         Measured unit vectors in the camera frame, the brightest first, padded with NaN.
     rows : ndarray (n, k) of int
         Their rows in the catalogue, padded with -1.
+
+    Examples
+    --------
+    >>> camera = CameraModel(StarCatalogue.random(5000), sigma=2e-5, half_angle=0.2)
+    >>> seen = camera.observe([0.0], [[1.0, 0.0, 0.0, 0.0]])
+    >>> seen.vectors.shape == (1, seen.stars[0], 3)
+    True
     """
 
     t: FloatArray
@@ -189,6 +196,12 @@ class CameraModel:
         """Return the `StarCamera` with this mounting, for a navigator on logs of this camera.
 
         Its noise is that of the log, frame by frame.
+
+        Examples
+        --------
+        >>> sky = StarCatalogue.random(100)
+        >>> CameraModel(sky, 1e-5, 0.1, boresight=(0.0, 0.0, -1.0)).sensor().mounting
+        (0.0, 1.0, 0.0, 0.0)
         """
         return StarCamera(mounting=self.mounting)
 

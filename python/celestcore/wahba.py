@@ -74,6 +74,12 @@ class WahbaSolution:
         ------
         InputError
             If there is no covariance.
+
+        Examples
+        --------
+        >>> pair = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        >>> solve(pair, pair, sigma=[0.1, 0.2]).sigma.round(6)
+        array([0.2     , 0.1     , 0.089443])
         """
         if self.covariance is None:
             raise InputError(
@@ -83,7 +89,13 @@ class WahbaSolution:
         return np.asarray(np.sqrt(diagonal))
 
     def as_rotation(self) -> Rotation:
-        """Return the attitudes as a `scipy.spatial.transform.Rotation`."""
+        """Return the attitudes as a `scipy.spatial.transform.Rotation`.
+
+        Examples
+        --------
+        >>> solve([[1, 0, 0], [0, 1, 0]], [[1, 0, 0], [0, 1, 0]]).as_rotation().as_quat()
+        array([0., 0., 0., 1.])
+        """
         from celestcore.quaternion import as_rotation
 
         return as_rotation(self.q)

@@ -373,3 +373,7 @@ fn quest_quaternion(profile: &Matrix3, lambda: f64) -> Quaternion<f64> {
     let x = z * alpha + sz * (lambda - sigma) + s * sz;
     [(lambda + sigma) * alpha - delta, x[0], x[1], x[2]]
 }
+
+#[cfg(test)]
+#[path = "wahba_tests.rs"]
+mod tests;
