@@ -23,9 +23,10 @@ Examples
 True
 """
 
-from celestcore import analysis, quaternion
+from celestcore import analysis, quaternion, wahba
 from celestcore._core import __version__
 from celestcore.calibration import Calibration
+from celestcore.camera import CameraModel, StarCatalogue
 from celestcore.config import Settings
 from celestcore.errors import (
     CelestcoreError,
@@ -49,6 +50,7 @@ __all__ = [
     "SRUKF",
     "UKF",
     "Calibration",
+    "CameraModel",
     "CelestcoreError",
     "CelestcoreWarning",
     "Gyro",
@@ -63,6 +65,7 @@ __all__ = [
     "Settings",
     "Solution",
     "StarCamera",
+    "StarCatalogue",
     "StarGyroNavigator",
     "StarGyroState",
     "StateAt",
@@ -74,5 +77,6 @@ __all__ = [
     "sample",
     "sample_names",
     "sample_path",
+    "wahba",
     "write_log",
 ]

@@ -12,6 +12,8 @@ __all__ = [
     "Update",
     "__version__",
     "calibrate",
+    "camera_isotropic",
+    "camera_observe",
     "chi2_cdf",
     "chi2_quantile",
     "quat_angle_between",
@@ -30,6 +32,7 @@ __all__ = [
     "quat_to_matrix",
     "release_build",
     "replay",
+    "wahba_solve",
 ]
 
 _Array = NDArray[np.float64]
@@ -62,6 +65,24 @@ def quat_angle_between(a: _Array, b: _Array) -> _Array: ...
 def quat_slerp(a: _Array, b: _Array, s: _Array) -> _Array: ...
 def quat_continuous(q: _Array, length: int) -> _Array: ...
 def quat_propagate(q0: _Array, rates: _Array, dt: _Array, method: str) -> _Array: ...
+def camera_isotropic(n: int, seed: int) -> _Array: ...
+def camera_observe(
+    q: _Array,
+    directions: _Array,
+    magnitudes: _Array,
+    camera: tuple[float, float, float, int],
+    shape: str,
+    random: tuple[int, int],
+    name: str,
+) -> dict[str, Any]: ...
+def wahba_solve(
+    body: _Array,
+    inertial: _Array,
+    sigma: _Array | None,
+    weights: _Array | None,
+    frames: int,
+    name: str,
+) -> dict[str, Any]: ...
 def replay(log: Mapping[str, Any], smoothed: bool) -> dict[str, Any]: ...
 def calibrate(
     log: Mapping[str, Any], aligned: int | None, prior: Sequence[float]

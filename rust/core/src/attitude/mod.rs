@@ -1,6 +1,7 @@
 //! Attitude from a gyro and star cameras or direction sensors.
 
 mod calibration;
+pub mod camera;
 mod gyro;
 mod history;
 mod invariant;
@@ -12,6 +13,7 @@ mod start;
 mod state;
 mod stream;
 mod system;
+pub mod wahba;
 
 pub use calibration::{CALIBRATED, Calibrated, CalibratedSpace, Calibration};
 pub use gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming, Sampling};
