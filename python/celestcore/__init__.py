@@ -23,7 +23,7 @@ Examples
 True
 """
 
-from celestcore import analysis, quaternion
+from celestcore import analysis, quaternion, simulate
 from celestcore._core import __version__
 from celestcore.config import Settings
 from celestcore.errors import (
@@ -69,5 +69,6 @@ __all__ = [
     "sample",
     "sample_names",
     "sample_path",
+    "simulate",
     "write_log",
 ]
