@@ -8,9 +8,10 @@ that adding one source leaves the others as they were.
 Examples
 --------
 >>> import celestcore as cc
->>> truth = earth_pointing(600.0, dt=0.1)
->>> gyro = GyroErrors(arw=1e-6, rrw=1e-9, bias_sigma=1 * cc.DEG_PER_HOUR)
->>> scenario = Scenario(truth, gyro, StarErrors(5 * cc.ARCSEC, every=2))
+>>> from celestcore import simulate
+>>> gyro = simulate.GyroErrors(arw=1e-6, rrw=1e-9, bias_sigma=1 * cc.DEG_PER_HOUR)
+>>> star = simulate.StarErrors(5 * cc.ARCSEC, every=2)
+>>> scenario = simulate.Scenario(simulate.earth_pointing(600.0, dt=0.1), gyro, star)
 >>> made = scenario.simulate(seed=1)
 >>> sol = scenario.navigator(cc.UKF()).run(made.log)
 >>> bool(abs(made.error(sol)[-1, :3]).max() < 5 * cc.ARCSEC)

@@ -67,8 +67,10 @@ class Simulation:
 
         Examples
         --------
-        >>> truth = Truth([0.0, 1.0], [[1.0, 0.0, 0.0, 0.0]] * 2)
-        >>> scenario = Scenario(truth, GyroErrors(1e-6), StarErrors(1e-5))
+        >>> from celestcore import simulate
+        >>> truth = simulate.attitude([0.0, 1.0], [[1.0, 0.0, 0.0, 0.0]] * 2)
+        >>> scenario = simulate.Scenario(
+        ...     truth, simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5))
         >>> made = scenario.simulate(seed=1)
         >>> made.error(scenario.navigator().run(made.log)).shape
         (2, 6)
@@ -103,8 +105,10 @@ class Scenario:
     Examples
     --------
     >>> import celestcore as cc
-    >>> truth = earth_pointing(60.0)
-    >>> scenario = Scenario(truth, GyroErrors(arw=1e-6), StarErrors(2 * cc.ARCSEC, every=2))
+    >>> from celestcore import simulate
+    >>> truth = simulate.earth_pointing(60.0)
+    >>> star = simulate.StarErrors(2 * cc.ARCSEC, every=2)
+    >>> scenario = simulate.Scenario(truth, simulate.GyroErrors(arw=1e-6), star)
     >>> scenario.simulate(seed=7, trial=3).log
     SensorLog(59.9 s: gyro 600 rows, star 300 rows)
     """
@@ -228,7 +232,9 @@ def log(
 
     Examples
     --------
-    >>> made = log(earth_pointing(10.0), GyroErrors(1e-6), StarErrors(1e-5, period=1.0), seed=1)
+    >>> from celestcore import simulate
+    >>> truth, gyro = simulate.earth_pointing(10.0), simulate.GyroErrors(1e-6)
+    >>> made = simulate.log(truth, gyro, simulate.StarErrors(1e-5, period=1.0), seed=1)
     >>> made.log.stars["star"].t
     array([0., 1., 2., 3., 4., 5., 6., 7., 8., 9.])
     """

@@ -69,6 +69,7 @@ class GyroErrors:
     Examples
     --------
     >>> from celestcore.units import ARCSEC, ARCSEC_PER_S
+    >>> from celestcore.simulate import GyroErrors
     >>> # 0.2 arcsec/s (3 sigma) white in each 0.1 s
     >>> gyro = GyroErrors(arw=0.2 * ARCSEC / 3 * 0.1**0.5, bias_sigma=1 * ARCSEC_PER_S)
     >>> gyro.rrw
@@ -168,6 +169,7 @@ class StarErrors:
     Examples
     --------
     >>> from celestcore.units import ARCSEC
+    >>> from celestcore.simulate import StarErrors
     >>> StarErrors([5 * ARCSEC, 5 * ARCSEC, 30 * ARCSEC], period=0.2).every is None
     True
     """

@@ -43,10 +43,11 @@ class Truth:
     Examples
     --------
     >>> import numpy as np
-    >>> truth = constant_rate([0.0, 0.0, 0.01], 10.0, dt=0.5)
+    >>> from celestcore import simulate
+    >>> truth = simulate.constant_rate([0.0, 0.0, 0.01], 10.0, dt=0.5)
     >>> len(truth), truth.rate[3].round(6).tolist()
     (20, [0.0, 0.0, 0.01])
-    >>> np.degrees(2 * np.arccos(truth.at(1.25)[0])).round(4)
+    >>> float(np.degrees(2 * np.arccos(truth.at(1.25)[0])).round(4))
     0.7162
     """
 
@@ -145,7 +146,8 @@ def attitude(t: ArrayLike, q: QuaternionLike) -> Truth:
 
     Examples
     --------
-    >>> attitude([0.0, 0.5, 1.0], [[1.0, 0.0, 0.0, 0.0]] * 3)
+    >>> from celestcore import simulate
+    >>> simulate.attitude([0.0, 0.5, 1.0], [[1.0, 0.0, 0.0, 0.0]] * 3)
     Truth(3 samples, 0 to 1 s)
     """
     return Truth(array(t, "t", (None,)), quaternions(q, "q"))
@@ -178,7 +180,8 @@ def constant_rate(
 
     Examples
     --------
-    >>> constant_rate([0.0, 0.01, 0.0], 60.0, dt=0.5)
+    >>> from celestcore import simulate
+    >>> simulate.constant_rate([0.0, 0.01, 0.0], 60.0, dt=0.5)
     Truth(120 samples, 0 to 59.5 s)
     """
     t = _times(duration, dt)
@@ -230,7 +233,8 @@ def earth_pointing(
 
     Examples
     --------
-    >>> truth = earth_pointing(5659.4)
+    >>> from celestcore import simulate
+    >>> truth = simulate.earth_pointing(5659.4)
     >>> len(truth), truth.rate[0].round(9).tolist()
     (56594, [-0.0, -0.001110213, 0.0])
     """
@@ -301,7 +305,8 @@ def slews(
 
     Examples
     --------
-    >>> truth = slews(480.0, dt=0.5, angle=1.0)
+    >>> from celestcore import simulate
+    >>> truth = simulate.slews(480.0, dt=0.5, angle=1.0)
     >>> bool(abs(truth.rate).max(axis=0).min() > 0.03)     # every axis turns
     True
     """
