@@ -1,0 +1,26 @@
+"""What the sensors can give, and whether a filter's errors are what it says.
+
+- `steady_state`: the accuracy that a gyro and a star camera can reach, filtered and smoothed;
+  `required_gyro`, `required_star`, `plot_requirements` ask the other way round.
+- `nees`, `nis`, `consistency`, `whiteness`: errors and innovations against their covariances.
+- `allan_deviation`, `fit_allan`, `plot_allan`: the noise of a gyro from its log.
+- `estimate_noise`: the noise of gyro and star camera from the innovations of a filter.
+- `withheld_drift`: how good predictions without fixes are.
+
+Examples
+--------
+>>> import celestcore as cc
+>>> bound = cc.analysis.steady_state(cc.Gyro(arw=1e-6, rrw=1e-9), 5 * cc.ARCSEC, 0.1, 0.2)
+>>> (bound.sigma_filter[:3] / cc.ARCSEC).round(3)
+array([0.68, 0.68, 0.68])
+"""
+
+from celestcore.analysis.drift import WithheldDrift, withheld_drift
+from celestcore.analysis.steady import SteadyState, steady_state
+
+__all__ = [
+    "SteadyState",
+    "WithheldDrift",
+    "steady_state",
+    "withheld_drift",
+]
