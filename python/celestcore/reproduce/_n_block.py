@@ -125,7 +125,7 @@ def simulate_two_vectors(angle: float, runs: int, seed: int) -> _textbook.TwoVec
 def two_vectors_log(data: _textbook.TwoVectors, run: int) -> cc.SensorLog:
     """Return one run of N1 as a log with two direction sensors, ``a`` and ``b``."""
     t = data.dt * np.arange(len(data.q))
-    tables = {
+    tables: dict[str, Any] = {
         f"vector_{name}": (t, data.seen[:, run, k], np.tile(data.known[run, k], (len(t), 1)))
         for k, name in enumerate("ab")
     }
@@ -238,11 +238,13 @@ def simulate_magnetometer(
     """
     rng = np.random.default_rng([seed, 3])
     dt, arw, rrw = 10.0, 1e-7 * np.sqrt(10.0), 3.16e-10
-    t = dt * np.arange(2881)
+    t = np.asarray(dt * np.arange(2881), dtype=np.float64)
     field, rate = tilted_dipole(t)
     strength = np.linalg.norm(field, axis=1)
     turn = qt.exp(np.outer(t, [0.0, -rate, 0.0]))
-    bias = _readings(rng, 20.0 * DEG_PER_HOUR * rng.standard_normal((runs, 3)), len(t), arw, rrw, dt)
+    bias = _readings(
+        rng, 20.0 * DEG_PER_HOUR * rng.standard_normal((runs, 3)), len(t), arw, rrw, dt
+    )
     logs, truth = [], np.empty((runs, len(t), 4))
     for k in range(runs):
         truth[k] = qt.multiply(_unit(rng.standard_normal(4)), turn)
@@ -255,7 +257,7 @@ def simulate_magnetometer(
 
 
 def tilted_dipole(t: Array) -> tuple[Array, float]:
-    """Return the Earth's field along the orbit of N3, inertial axes (n, 3) [T], and the orbital rate.
+    """Return the Earth's field along the orbit of N3 (n, 3) [T], inertial, and the orbital rate.
 
     A centred dipole of 31.2 uT at the equator, tilted by 11 deg, that turns with the Earth.
     """
@@ -265,7 +267,11 @@ def tilted_dipole(t: Array) -> tuple[Array, float]:
     c, s = np.cos(35.0 * DEG), np.sin(35.0 * DEG)
     place = np.stack([np.cos(along), np.sin(along) * c, np.sin(along) * s], axis=1)
     tilt = 11.0 * DEG
-    pole = [np.sin(tilt) * np.cos(earth), np.sin(tilt) * np.sin(earth), np.full_like(t, np.cos(tilt))]
+    pole = [
+        np.sin(tilt) * np.cos(earth),
+        np.sin(tilt) * np.sin(earth),
+        np.full_like(t, np.cos(tilt)),
+    ]
     moment = -np.stack(pole, axis=1)
     size = 3.12e-5 * (6_371_200.0 / radius) ** 3
     return size * (3.0 * np.sum(moment * place, axis=1)[:, None] * place - moment), rate
@@ -291,7 +297,7 @@ def _error(
     sigma0: tuple[float, float],
     truth: Array,
 ) -> Array:
-    """Return the angle to the truth at each gyro sample [rad]; infinite if the filter broke down."""
+    """Return the angle to the truth at each sample [rad]; infinite if the filter broke down."""
     try:
         sol = nav.run(log, q0=start, sigma0=sigma0)
     except NumericalError:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,7 +190,7 @@ def _identity(runs: int) -> Array:
     return np.tile(np.eye(6), (runs, 1, 1))
 
 
-def _t(m: Array) -> Array:
+def _t(m: NDArray[np.floating[Any]]) -> Array:
     return np.asarray(np.swapaxes(m, -1, -2))
 
 
