@@ -23,7 +23,7 @@ Examples
 True
 """
 
-from celestcore import analysis, quaternion
+from celestcore import analysis, quaternion, simulate
 from celestcore._core import __version__
 from celestcore.config import Settings
 from celestcore.errors import (
@@ -37,6 +37,7 @@ from celestcore.errors import (
 from celestcore.filters import EKF, SRUKF, UKF
 from celestcore.io import read_log, write_log
 from celestcore.log import SensorLog
+from celestcore.montecarlo import MonteCarlo, monte_carlo
 from celestcore.navigator import StarGyroNavigator, StarGyroState
 from celestcore.samples import sample, sample_names, sample_path
 from celestcore.sensors import Gyro, StarCamera, VectorSensor
@@ -53,6 +54,7 @@ __all__ = [
     "InputError",
     "LogFormatError",
     "MissingDependencyError",
+    "MonteCarlo",
     "NumericalError",
     "SensorLog",
     "Settings",
@@ -64,10 +66,12 @@ __all__ = [
     "VectorSensor",
     "__version__",
     "analysis",
+    "monte_carlo",
     "quaternion",
     "read_log",
     "sample",
     "sample_names",
     "sample_path",
+    "simulate",
     "write_log",
 ]

@@ -13,6 +13,7 @@ __all__ = [
     "__version__",
     "chi2_cdf",
     "chi2_quantile",
+    "monte_carlo",
     "quat_angle_between",
     "quat_conjugate",
     "quat_continuous",
@@ -29,6 +30,7 @@ __all__ = [
     "quat_to_matrix",
     "release_build",
     "replay",
+    "simulate",
 ]
 
 _Array = NDArray[np.float64]
@@ -69,6 +71,20 @@ def replay(
     portable: bool,
     progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]: ...
+def simulate(
+    flight: Mapping[str, Any], seed: int, trial: int
+) -> tuple[_Array, _Array, list[_Array]]: ...
+def monte_carlo(
+    flight: Mapping[str, Any],
+    estimators: Sequence[Mapping[str, Any]],
+    seed: int,
+    first: int,
+    count: int,
+    skip: float,
+    threads: int,
+    portable: bool,
+    progress: Callable[[int, int], object] | None,
+) -> list[dict[str, Any]]: ...
 
 @final
 class Update:

@@ -1,11 +1,13 @@
 //! `celestcore._core`: numpy arrays in, numpy arrays out. Everything is computed in
 //! `celestcore-core`; documentation for users stands in the Python package.
 
+mod campaign;
 mod columns;
 mod convert;
 mod errors;
 mod quaternions;
 mod replay;
+mod simulate;
 mod stream;
 
 use pyo3::prelude::*;
@@ -30,5 +32,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(chi2_cdf, m)?)?;
     quaternions::register(m)?;
     replay::register(m)?;
+    simulate::register(m)?;
+    campaign::register(m)?;
     stream::register(m)
 }
