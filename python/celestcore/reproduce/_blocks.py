@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +9,10 @@ import numpy as np
 
 import celestcore as cc
 from celestcore import simulate
+from celestcore._campaign import processors
 from celestcore.reproduce import _model as model
 from celestcore.reproduce._model import Array, Cell
-
-Progress = Callable[[int, int], object]
+from celestcore.reproduce._pool import Job, Progress, in_parallel
 
 FITTED = ("r1", "r2", "r1_swapped", "r2_swapped")
 TUNED = ("mekf", "ukf", "ukf7", "smoothed")
@@ -83,40 +82,47 @@ def run(
     threads : int, optional
         The machine's, by default; the figures are the same for any number.
     progress : callable, optional
-        ``progress(done, total)`` in orbits.
+        ``progress(done, total)`` in orbits, on the calling thread.
 
     Returns
     -------
     dict of str to Scores
         By the names in `FITTED` and `TUNED`.
     """
-    cells = model.cells()
-    truth = simulate.earth_pointing(
-        model.DURATION, model.GYRO_STEP, semi_major_axis=model.SEMI_MAJOR_AXIS
-    )
-    total, done = 2 * runs * len(cells), 0
+    truth = _truth()
+    tasks = [(cell, fitted) for cell in model.cells() for fitted in (True, False)]
+
+    def job(cell: Cell, fitted: bool) -> Job[dict[str, dict[str, Array]]]:
+        return lambda heard: _campaign(truth, cell, fitted, (runs, seed), heard)
+
+    jobs = [job(*task) for task in tasks]
+    results = in_parallel(jobs, processors(threads, alone=True), progress, runs * len(tasks))
     found: dict[str, list[dict[str, Array]]] = {name: [] for name in (*FITTED, *TUNED)}
-    for cell in cells:
-        for navigators, bias_sigma in (
-            (_fitted(cell), model.FIT_BIAS_SIGMA),
-            (_tuned(cell), model.BIAS_SIGMA),
-        ):
-            result = cc.monte_carlo(
-                _scenario(truth, cell.star, cell.gyro, bias_sigma),
-                navigators,
-                trials=runs,
-                seed=seed,
-                first=cell.index * TRIALS_APART,
-                smooth=[name for name in ("mekf",) if name in navigators],
-                skip=model.SKIP,
-                sigma0=(START, bias_sigma),
-                threads=threads,
-                progress=_shifted(progress, done, total),
-            )
-            done += runs
-            for name in result:
-                found[COLUMN.get(name, name)].append(_columns(result[name]))
+    for result in results:
+        for name, columns in result.items():
+            found[name].append(columns)
     return {name: _scores(rows) for name, rows in found.items()}
+
+
+def _campaign(
+    truth: simulate.Truth, cell: Cell, fitted: bool, run: tuple[int, int], heard: Progress
+) -> dict[str, dict[str, Array]]:
+    """Run one cell's R blocks or its tuned filters; both see the same noise."""
+    bias_sigma = model.FIT_BIAS_SIGMA if fitted else model.BIAS_SIGMA
+    result = cc.monte_carlo(
+        _scenario(truth, cell.star, cell.gyro, bias_sigma),
+        _fitted(cell) if fitted else _tuned(cell),
+        trials=run[0],
+        seed=run[1],
+        first=cell.index * TRIALS_APART,
+        smooth=() if fitted else ("mekf",),
+        skip=model.SKIP,
+        sigma0=(START, bias_sigma),
+        threads=1,
+        progress=heard,
+    )
+    heard(run[0], run[0])
+    return {COLUMN.get(name, name): _columns(result[name]) for name in result}
 
 
 def error_free(seed: int) -> list[dict[str, Any]]:
@@ -130,9 +136,7 @@ def error_free(seed: int) -> list[dict[str, Any]]:
         ``star_arcsec``, ``gyro_arcsec_per_s``: the errors, 0 for none; ``pitch``, ``roll``,
         ``yaw``: MEKF, just after fixes [arcsec, 3 sigma].
     """
-    truth = simulate.earth_pointing(
-        model.DURATION, model.GYRO_STEP, semi_major_axis=model.SEMI_MAJOR_AXIS
-    )
+    truth = _truth()
     out = []
     for k, (star, gyro) in enumerate(((0.0, 0.2), (0.0, 2.4), (5.0, 0.0), (1.0, 0.0), (0.0, 0.0))):
         told = Cell(star or PERFECT, gyro or PERFECT, -1)
@@ -153,6 +157,12 @@ def error_free(seed: int) -> list[dict[str, Any]]:
     return out
 
 
+def _truth() -> simulate.Truth:
+    return simulate.earth_pointing(
+        model.DURATION, model.GYRO_STEP, semi_major_axis=model.SEMI_MAJOR_AXIS
+    )
+
+
 def _fitted(cell: Cell) -> dict[str, Any]:
     kinds = filters()
     r1, r2 = (model.R1_GYRO, 0.0), (model.R2_GYRO, model.R2_WALK)
@@ -168,7 +178,7 @@ def _tuned(cell: Cell) -> dict[str, Any]:
     return {name: model.tuned(cell, kind) for name, kind in filters().items()}
 
 
-def _scenario(truth: Any, star: float, gyro: float, bias_sigma: float) -> Any:
+def _scenario(truth: simulate.Truth, star: float, gyro: float, bias_sigma: float) -> Any:
     return simulate.Scenario(
         truth,
         simulate.GyroErrors(
@@ -193,9 +203,3 @@ def _scores(rows: list[dict[str, Array]]) -> Scores:
         before=model.figures(column["rms_before"]),
         **{name: column[name] for name in ("nees_attitude", "nees", "nis", "seconds")},
     )
-
-
-def _shifted(progress: Progress | None, done: int, total: int) -> Progress | None:
-    if progress is None:
-        return None
-    return lambda now, _: progress(done + now, total)

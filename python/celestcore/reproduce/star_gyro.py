@@ -241,7 +241,7 @@ def run(
     )
 
 
-def _named(progress: Progress | None, what: str) -> _blocks.Progress | None:
+def _named(progress: Progress | None, what: str) -> Callable[[int, int], object] | None:
     return None if progress is None else lambda done, total: progress(done, total, what)
 
 
