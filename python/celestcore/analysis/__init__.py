@@ -15,12 +15,34 @@ Examples
 array([0.68, 0.68, 0.68])
 """
 
+from celestcore._analysis_plots import plot_allan, plot_requirements
+from celestcore.analysis.allan import AllanDeviation, AllanFit, allan_deviation, fit_allan
+from celestcore.analysis.autocorrelation import Whiteness, whiteness
+from celestcore.analysis.chi_square import Consistency, consistency, nees, nis
 from celestcore.analysis.drift import WithheldDrift, withheld_drift
+from celestcore.analysis.noise import NoiseEstimate, estimate_noise
+from celestcore.analysis.requirements import required_gyro, required_star
 from celestcore.analysis.steady import SteadyState, steady_state
 
 __all__ = [
+    "AllanDeviation",
+    "AllanFit",
+    "Consistency",
+    "NoiseEstimate",
     "SteadyState",
+    "Whiteness",
     "WithheldDrift",
+    "allan_deviation",
+    "consistency",
+    "estimate_noise",
+    "fit_allan",
+    "nees",
+    "nis",
+    "plot_allan",
+    "plot_requirements",
+    "required_gyro",
+    "required_star",
     "steady_state",
+    "whiteness",
     "withheld_drift",
 ]

@@ -179,7 +179,7 @@ def steady_state(
     times = phases(dt, period)
     for t in times:
         there = _predicted(gyro, w, t, after, units)
-        rest, _ = _scaled(*gyro_step(gyro.arw, gyro.rrw, w, period - t), units)
+        rest, _ = scaled(*gyro_step(gyro.arw, gyro.rrw, w, period - t), units)
         c = transposed(np.asarray(np.linalg.solve(before, rest[:n, :n] @ there)))
         between += there / len(times)
         smooth_between += (there + c @ (smooth - before) @ c.T) / len(times)
@@ -233,7 +233,7 @@ def settle(
     f, q = gyro_step(arw, rrw, rate, period)
     if rrw == 0.0:
         units[..., 3:] = 1.0
-    f, q = _scaled(f, q, units)
+    f, q = scaled(f, q, units)
     n = 3 if rrw == 0.0 else 6
     f, q = f[..., :n, :n], q[..., :n, :n]
     r = noise / (units[..., :3, None] * units[..., None, :3])
@@ -247,7 +247,7 @@ def _size(noise: Array) -> Array:
     return np.asarray(np.trace(noise, axis1=-2, axis2=-1)[..., None, None] / 3.0)
 
 
-def _scaled(f: Array, q: Array, units: Array) -> tuple[Array, Array]:
+def scaled(f: Array, q: Array, units: Array) -> tuple[Array, Array]:
     rows, columns = units[..., :, None], units[..., None, :]
     return f * columns / rows, q / (rows * columns)
 
@@ -263,7 +263,7 @@ def _full(p: Array, units: Array) -> Array:
 def _predicted(gyro: Gyro, rate: Array, t: float, after: Array, units: Array) -> Array:
     """Return the scaled covariance a time `t` after a fix."""
     n = len(after)
-    f, q = _scaled(*gyro_step(gyro.arw, gyro.rrw, rate, t), units)
+    f, q = scaled(*gyro_step(gyro.arw, gyro.rrw, rate, t), units)
     return np.asarray(f[:n, :n] @ after @ f[:n, :n].T + q[:n, :n])
 
 
