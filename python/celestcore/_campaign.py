@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -65,7 +65,20 @@ class Job:
 
 def run_part(job: Job, first: int, trials: int) -> list[dict[str, Any]]:
     """Run some of a campaign's trials, in whatever process."""
-    return job(first, trials)
+    return replace(job, flight=_aligned(job.flight), estimators=_aligned(job.estimators))(
+        first, trials
+    )
+
+
+def _aligned(value: Any) -> Any:
+    """Return the same with arrays that the core takes: out of a message they may lie anywhere."""
+    if isinstance(value, np.ndarray):
+        return np.require(value, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
+    if isinstance(value, Mapping):
+        return {name: _aligned(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(_aligned(item) for item in value)
+    return value
 
 
 def spread(
@@ -147,7 +160,7 @@ class Start:
             )
         self._drawn = start == "drawn"
         self._sigma = {name: None if s is None else sigma_of(s) for name, s in given.items()}
-        if self._drawn and None in self._sigma.values():
+        if self._drawn and any(s is None for s in self._sigma.values()):
             raise InputError(
                 "is needed with start='drawn': (attitude [rad], bias [rad/s])", field="sigma0"
             )
