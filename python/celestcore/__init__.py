@@ -25,6 +25,7 @@ True
 
 from celestcore import analysis, quaternion, simulate
 from celestcore._core import __version__
+from celestcore.calibration import Calibration
 from celestcore.config import Settings
 from celestcore.errors import (
     CelestcoreError,
@@ -34,7 +35,7 @@ from celestcore.errors import (
     MissingDependencyError,
     NumericalError,
 )
-from celestcore.filters import EKF, SRUKF, UKF
+from celestcore.filters import EKF, SRUKF, UKF, InvariantEKF, IteratedEKF, LiteralUKF
 from celestcore.io import read_log, write_log
 from celestcore.log import SensorLog
 from celestcore.montecarlo import MonteCarlo, monte_carlo
@@ -48,10 +49,14 @@ __all__ = [
     "EKF",
     "SRUKF",
     "UKF",
+    "Calibration",
     "CelestcoreError",
     "CelestcoreWarning",
     "Gyro",
     "InputError",
+    "InvariantEKF",
+    "IteratedEKF",
+    "LiteralUKF",
     "LogFormatError",
     "MissingDependencyError",
     "MonteCarlo",

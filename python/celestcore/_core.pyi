@@ -1,6 +1,6 @@
 """The compiled core. Arrays are C-contiguous float64; use the package's modules instead."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -11,6 +11,7 @@ __all__ = [
     "AttitudeStream",
     "Update",
     "__version__",
+    "calibrate",
     "chi2_cdf",
     "chi2_quantile",
     "monte_carlo",
@@ -57,19 +58,9 @@ def quat_angle_between(a: _Array, b: _Array) -> _Array: ...
 def quat_slerp(a: _Array, b: _Array, s: _Array) -> _Array: ...
 def quat_continuous(q: _Array, length: int) -> _Array: ...
 def quat_propagate(q0: _Array, rates: _Array, dt: _Array, method: str) -> _Array: ...
-def replay(
-    gyro_t: _Array,
-    gyro_rate: _Array,
-    sensors: Sequence[tuple[Any, ...]],
-    setup: Mapping[str, Any],
-    start: tuple[float, Sequence[float], _Array] | None,
-    bias0: Sequence[float],
-    bias_sigma: Sequence[float],
-    every: int,
-    period: float | None,
-    covariance: bool,
-    portable: bool,
-    progress: Callable[[int, int], object] | None,
+def replay(log: Mapping[str, Any], smoothed: bool) -> dict[str, Any]: ...
+def calibrate(
+    log: Mapping[str, Any], aligned: int | None, prior: Sequence[float]
 ) -> dict[str, Any]: ...
 def simulate(
     flight: Mapping[str, Any], seed: int, trial: int
@@ -104,7 +95,7 @@ class AttitudeStream:
     def __new__(
         cls,
         setup: Mapping[str, Any],
-        mounting: Sequence[float] | None,
+        to_body: Sequence[float] | None,
         t: float,
         q: Sequence[float],
         bias: Sequence[float],

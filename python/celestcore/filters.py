@@ -1,4 +1,4 @@
-"""Filters as values: which one, with which options. They run on any navigator."""
+"""Filters as values: which one, with which options."""
 
 from __future__ import annotations
 
@@ -8,10 +8,25 @@ from typing import Any, ClassVar
 from celestcore._check import number
 from celestcore.errors import InputError
 
-__all__ = ["EKF", "SRUKF", "UKF"]
+__all__ = ["EKF", "SRUKF", "UKF", "InvariantEKF", "IteratedEKF", "LiteralUKF"]
 
 _INTEGRATORS = ("exponential", "rk4")
 _STATES = 6
+
+
+def _setup(kind: str, **options: Any) -> dict[str, Any]:
+    """Return what the core wants to know of a filter, options that do not apply included."""
+    return {
+        "filter": kind,
+        "integrator": "exponential",
+        "alpha": 1.0,
+        "beta": 2.0,
+        "kappa": None,
+        "reset": True,
+        "iterations": 0,
+        "tolerance": 0.0,
+        **options,
+    }
 
 
 @dataclass(frozen=True)
@@ -26,27 +41,120 @@ class EKF:
     integrator : {"exponential", "rk4"}
         Attitude kinematics over a step of constant rate: the closed form, exact, or the classical
         Runge-Kutta method of the papers.
+    reset : bool
+        Whether the covariance is carried over the reset of the attitude error; older filters leave
+        it as it is, which shows at errors of tens of degrees.
 
     Examples
     --------
     >>> EKF()
-    EKF(integrator='exponential')
+    EKF(integrator='exponential', reset=True)
     """
 
     integrator: str = "exponential"
+    reset: bool = True
     kind: ClassVar[str] = "ekf"
 
     def __post_init__(self) -> None:
         _check_integrator(self.integrator)
 
     def _setup(self) -> dict[str, Any]:
-        return {
-            "filter": self.kind,
-            "integrator": self.integrator,
-            "alpha": 1.0,
-            "beta": 2.0,
-            "kappa": None,
-        }
+        return _setup(self.kind, integrator=self.integrator, reset=bool(self.reset))
+
+
+@dataclass(frozen=True)
+class IteratedEKF:
+    """Extended Kalman filter that re-linearises the last interval, for wild starts and slow fixes.
+
+    At each epoch of measurements the estimate at the epoch before, the gyro samples since and all
+    measurements of the epoch are linearised about their joint estimate again and again until it
+    stays: Gauss-Newton on the two ends of the interval (Jazwinski 1970, section 8.3; Bell and
+    Cathey 1993). Where an `EKF` is good, this gives the same at several times the cost.
+
+    Parameters
+    ----------
+    iterations : int
+        Most iterations per epoch; if the estimate has not come to rest by then, the `EKF`'s stands.
+    tolerance : float
+        The estimate is at rest when it moves by less than so many standard deviations.
+    integrator : {"exponential", "rk4"}
+        Attitude kinematics.
+
+    Raises
+    ------
+    InputError
+        Names the field and the value.
+
+    Notes
+    -----
+    Replays whole logs (`StarGyroNavigator.run`, `smooth`), not sample by sample: it needs the gyro
+    samples since the fix before.
+
+    Examples
+    --------
+    >>> IteratedEKF(iterations=5)
+    IteratedEKF(iterations=5, tolerance=0.001, integrator='exponential')
+    """
+
+    iterations: int = 50
+    tolerance: float = 1e-3
+    integrator: str = "exponential"
+    kind: ClassVar[str] = "iterated"
+
+    def __post_init__(self) -> None:
+        _check_integrator(self.integrator)
+        if number(self.iterations, "filter.iterations", at_least=1) != int(self.iterations):
+            raise InputError(
+                "must be a whole number", field="filter.iterations", value=self.iterations
+            )
+        number(self.tolerance, "filter.tolerance", above=0.0)
+
+    def _setup(self) -> dict[str, Any]:
+        return _setup(
+            self.kind,
+            integrator=self.integrator,
+            iterations=int(self.iterations),
+            tolerance=float(self.tolerance),
+        )
+
+
+@dataclass(frozen=True)
+class InvariantEKF:
+    """Right-invariant extended Kalman filter: the attitude error is on the inertial side.
+
+    ``q = exp(xi) * q_hat`` with xi in inertial axes; the transition does not depend on the attitude
+    estimate, and the covariance is not carried over the reset (Barrau and Bonnabel 2017; with a
+    gyro bias beside the rotation it is their "imperfect" filter). Converges from large errors
+    more often than `EKF`; with small ones it gives the same.
+
+    Parameters
+    ----------
+    integrator : {"exponential", "rk4"}
+        Attitude kinematics.
+
+    Raises
+    ------
+    InputError
+        Names the field and the value.
+
+    Notes
+    -----
+    Replays whole logs, not sample by sample. Results are in the body frame, as of every filter.
+
+    Examples
+    --------
+    >>> InvariantEKF()
+    InvariantEKF(integrator='exponential')
+    """
+
+    integrator: str = "exponential"
+    kind: ClassVar[str] = "invariant"
+
+    def __post_init__(self) -> None:
+        _check_integrator(self.integrator)
+
+    def _setup(self) -> dict[str, Any]:
+        return _setup(self.kind, integrator=self.integrator)
 
 
 @dataclass(frozen=True)
@@ -100,13 +208,13 @@ class UKF:
             number(self.kappa, "filter.kappa", above=-_STATES)
 
     def _setup(self) -> dict[str, Any]:
-        return {
-            "filter": self.kind,
-            "integrator": self.integrator,
-            "alpha": float(self.alpha),
-            "beta": float(self.beta),
-            "kappa": None if self.kappa is None else float(self.kappa),
-        }
+        return _setup(
+            self.kind,
+            integrator=self.integrator,
+            alpha=float(self.alpha),
+            beta=float(self.beta),
+            kappa=None if self.kappa is None else float(self.kappa),
+        )
 
 
 @dataclass(frozen=True)
@@ -132,6 +240,34 @@ class SRUKF(UKF):
                 field="filter.beta",
                 value=float(self.beta),
             )
+
+
+@dataclass(frozen=True)
+class LiteralUKF(UKF):
+    """The unscented filter of Wang and Jiang (2020) on their 7-dimensional state, as printed.
+
+    State: error quaternion and bias error ``(dq0, dq1, dq2, dq3, db)``, by Runge-Kutta on eq. 13.
+    For comparison with the paper; use `UKF` for work. Three things had to be repaired:
+
+    1. Eq. 13 lacks the term ``-dq0 db / 2``; without it the bias is never estimated.
+    2. Eq. 14, ``q_star * q_g^-1``, is the error on the inertial side, eq. 9 defines that on the
+       body side: the measurement is ``q_g^-1 * q_star``.
+    3. The 7x7 covariance is singular along ``dq0``: it starts with a quarter of the attitude
+       variance there, and the quaternion is normalised after each step.
+
+    Notes
+    -----
+    Replays whole logs with star cameras; directions are not used. ``sigma`` and covariances are
+    reported as of every filter, for the rotation vector and the bias.
+
+    Examples
+    --------
+    >>> LiteralUKF().integrator
+    'rk4'
+    """
+
+    integrator: str = "rk4"
+    kind: ClassVar[str] = "literal"
 
 
 def _check_integrator(value: str) -> None:

@@ -351,4 +351,7 @@ _FILTERS = {
     "ekf": "EKF (multiplicative extended Kalman filter)",
     "ukf": "UKF (unscented Kalman filter)",
     "srukf": "SRUKF (square-root unscented Kalman filter)",
+    "iterated": "iterated EKF (re-linearises the last interval)",
+    "invariant": "invariant EKF (error on the inertial side)",
+    "literal": "UKF of Wang and Jiang on the 7-dimensional error quaternion",
 }

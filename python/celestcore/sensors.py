@@ -36,6 +36,7 @@ __all__ = ["SAMPLINGS", "Gyro", "StarCamera", "VectorSensor"]
 
 SAMPLINGS = ("hold", "integrated", "average")
 _LARGE_ARW = 1e-2
+_LARGE_ERRORS = 0.5
 _PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
@@ -78,6 +79,9 @@ class Gyro:
         rate from t_{k-1} to t_k; ``"average"``: the rate at t_k, the mean of both ends is used.
     mounting : array_like (4,) or scipy Rotation, optional
         ``q_bg``, scalar first, gyro frame to body.
+    errors : array_like (3, 3), optional
+        Scale factors (diagonal) and misalignments M in ``rate_measured = (I + M) rate + bias``, in
+        the body frame; they are taken out. See `StarGyroNavigator.calibrate`.
     frame : str
         The name of the body frame.
     max_gap : float, optional
@@ -102,6 +106,7 @@ class Gyro:
     _: KW_ONLY
     sampling: str = "hold"
     mounting: QuaternionLike | None = None
+    errors: ArrayLike | None = None
     frame: str = "body"
     max_gap: float | None = None
     gap_rate_sigma: float = 1e-3
@@ -117,6 +122,7 @@ class Gyro:
             arw=number(self.arw, "gyro.arw", above=0.0),
             rrw=number(self.rrw, "gyro.rrw", at_least=0.0),
             mounting=mounting(self.mounting, "gyro.mounting"),
+            errors=None if self.errors is None else _errors(self.errors),
             frame=_frame(self.frame, "gyro.frame"),
             max_gap=None if gap is None else number(gap, "gyro.max_gap", above=0.0),
             gap_rate_sigma=number(self.gap_rate_sigma, "gyro.gap_rate_sigma", at_least=0.0),
@@ -130,12 +136,32 @@ class Gyro:
     def to_body(self, rate: ArrayLike) -> FloatArray:
         """Return rates (n, 3) of the gyro frame in the body frame [rad/s].
 
-        Without a mounting the array itself comes back.
+        Without a mounting and errors the array itself comes back.
         """
         rate = np.ascontiguousarray(rate, dtype=np.float64)
-        if self.mounting is None:
-            return rate
-        return np.ascontiguousarray(rate @ _matrix(self.mounting).T)
+        turn = self._turn()
+        return rate if turn is None else np.ascontiguousarray(rate @ turn.T)
+
+    def _turn(self) -> FloatArray | None:
+        """Matrix (3, 3) from measured rates to rates of the body, None for none."""
+        if self.mounting is None and self.errors is None:
+            return None
+        turn = np.eye(3) if self.mounting is None else _matrix(self.mounting)
+        if self.errors is None:
+            return turn
+        return np.asarray(np.linalg.solve(np.eye(3) + np.asarray(self.errors), turn))
+
+
+def _errors(value: ArrayLike) -> tuple[tuple[float, ...], ...]:
+    m = array(value, "gyro.errors", (3, 3))
+    size = float(np.linalg.norm(m))
+    if not size < _LARGE_ERRORS:
+        raise InputError(
+            "must be small beside 1: scale factors and misalignments, not the whole matrix",
+            field="gyro.errors",
+            value=size,
+        )
+    return tuple(tuple(row) for row in m.tolist())
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from celestcore.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from celestcore.log import SensorLog
+
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
@@ -107,6 +109,13 @@ class Solution:
         State at the end of the log: t, q, bias, sigma, covariance.
     frames : dict of str to str
         Names of the inertial and the body frame.
+    smoothed : bool
+        Whether every row knows the measurements after it, too.
+    log_likelihood : float
+        Logarithm of the probability density of the accepted measurements under the filter, each
+        given those before it; what a choice of noise is judged by.
+    source : (SensorLog, dict) or None
+        The log and the options of the run, for `StarGyroNavigator.smooth`.
 
     Examples
     --------
@@ -143,6 +152,9 @@ class Solution:
     elapsed_s: float = 0.0
     final: dict[str, Any] = field(default_factory=dict)
     frames: dict[str, str] = field(default_factory=dict)
+    smoothed: bool = False
+    log_likelihood: float = float("nan")
+    source: tuple[SensorLog, dict[str, Any]] | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -150,8 +162,9 @@ class Solution:
     def __repr__(self) -> str:
         span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "empty"
         name = f"{self.title!r}, " if self.title else ""
+        how = ", smoothed" if self.smoothed else ""
         return (
-            f"Solution({name}{self.filter or 'filter unknown'}, {len(self)} rows, {span}, "
+            f"Solution({name}{self.filter or 'filter unknown'}{how}, {len(self)} rows, {span}, "
             f"{len(self.measurement_t)} measurements)"
         )
 
@@ -338,7 +351,15 @@ class Solution:
             parts["covariance"] = self.covariance[rows].copy()
         counts = _counts(len(parts["t"]), parts["accepted"], len(gaps))
         final = _final(parts) if len(parts["t"]) else {}
-        return dataclasses.replace(self, **parts, gaps=gaps, counts=counts, final=final)
+        return dataclasses.replace(
+            self,
+            **parts,
+            gaps=gaps,
+            counts=counts,
+            final=final,
+            log_likelihood=float("nan"),
+            source=None,
+        )
 
 
 def _counts(samples: int, accepted: NDArray[np.bool_], gaps: int) -> dict[str, int]:

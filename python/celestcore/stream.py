@@ -61,9 +61,10 @@ class StarGyroState(_core.AttitudeStream):
         """Make the core's state."""
         gap = navigator.gyro.max_gap
         setup = navigator._setup(np.inf if gap is None else gap)
-        mounting: Any = navigator.gyro.mounting  # a plain tuple since Gyro was made
+        turn = navigator.gyro._turn()
+        to_body = None if turn is None else turn.reshape(-1).tolist()
         self = super().__new__(
-            cls, setup, mounting, t, q, three(bias, "bias"), covariance_of(sigma0, covariance0)
+            cls, setup, to_body, t, q, three(bias, "bias"), covariance_of(sigma0, covariance0)
         )
         self.navigator = navigator
         return self

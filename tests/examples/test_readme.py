@@ -66,6 +66,14 @@ def headings(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
 
 
+def _rust(modules: list[str]) -> str:
+    """Source of a module, in a file of its own or in a folder's."""
+    path = (ROOT / "rust/core/src").joinpath(*modules)
+    return (
+        path.with_suffix(".rs") if path.with_suffix(".rs").exists() else path / "mod.rs"
+    ).read_text()
+
+
 def test_the_equation_table_names_what_exists() -> None:
     table = (ROOT / "docs" / "theory.md").read_text().split("## From equation to function")[1]
     rows = [line.split("|") for line in table.splitlines() if line.startswith("| ")][1:]
@@ -73,7 +81,7 @@ def test_the_equation_table_names_what_exists() -> None:
     for _, _, rust, python, _ in rows:
         for path in re.findall(r"`([\w:]+)`", rust):
             *modules, item = path.split("::")
-            source = (ROOT / "rust/core/src").joinpath(*modules).with_suffix(".rs").read_text()
+            source = _rust(modules)
             assert re.search(rf"\b(fn|struct) {item}\b", source), path
         for path in re.findall(r"`([\w.]+)`", python):
             found: object = celestcore

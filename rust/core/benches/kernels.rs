@@ -79,7 +79,7 @@ fn filters(c: &mut Criterion) {
     group.throughput(Throughput::Elements(N as u64));
     group.sample_size(20);
     for (name, filter, integrator) in [
-        ("ekf", AnyFilter::Ekf(Ekf), Integrator::Exponential),
+        ("ekf", AnyFilter::Ekf(Ekf::default()), Integrator::Exponential),
         ("ukf-rk4", AnyFilter::Ukf(Ukf::default()), Integrator::Rk4),
         ("ukf-exponential", AnyFilter::Ukf(Ukf::default()), Integrator::Exponential),
         ("srukf-rk4", AnyFilter::SrUkf(SrUkf::default()), Integrator::Rk4),

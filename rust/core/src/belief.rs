@@ -1,6 +1,6 @@
 //! What a filter knows, and what an update reports.
 
-use crate::linalg::{Matrix, Vector, cholesky, mul_t, symmetric};
+use crate::linalg::{Matrix, Vector, cholesky, diagonal, mul_t, symmetric};
 use crate::manifold::{Family, Manifold, select_matrix};
 use crate::scalar::{Mask, Real};
 
@@ -85,11 +85,7 @@ impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for Gaussian<S, T,
     }
     #[inline(always)]
     fn variance(&self) -> Vector<T, N> {
-        let mut v = [T::zero(); N];
-        for i in 0..N {
-            v[i] = self.cov[(i, i)];
-        }
-        v
+        diagonal(&self.cov)
     }
     #[inline(always)]
     fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self {
@@ -151,4 +147,64 @@ pub struct Outcome<T: Real, const M: usize> {
     pub covariance: Matrix<T, M, M>,
     /// Normalised innovation squared, chi-square with `M` degrees of freedom.
     pub nis: T,
+}
+
+/// A prediction together with what it has in common with the belief it came from, in factors:
+/// `P = L Lᵀ` before, `P⁻ = A Aᵀ + W` after and `cov(x, x⁻) = L Aᵀ`. What a smoother needs.
+pub struct Joint<S: Family, T: Real, const N: usize> {
+    /// The predicted state.
+    pub mean: S::Of<T>,
+    /// Covariance of its error.
+    pub cov: Matrix<T, N, N>,
+    /// `L`, a square root of the covariance before.
+    pub root: Matrix<T, N, N>,
+    /// `A`, what the step makes of `L`.
+    pub image: Matrix<T, N, N>,
+    /// `W`, what the step adds.
+    pub rest: Matrix<T, N, N>,
+}
+
+/// A normal distribution in the tangent space at a fixed point, whose mean need not be zero: what a
+/// filter that has chosen where to linearise knows.
+pub struct Tangent<S: Family, T: Real, const N: usize> {
+    /// Where all is linearised.
+    pub point: S::Of<T>,
+    /// Mean error state about the point.
+    pub offset: Vector<T, N>,
+    /// Covariance of the error state about the point.
+    pub cov: Matrix<T, N, N>,
+}
+copy!(Joint, Tangent);
+
+impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for Tangent<S, T, N> {
+    #[inline(always)]
+    fn new(mean: S::Of<T>, covariance: &Matrix<T, N, N>) -> (Self, T::Mask) {
+        let (_, ok) = cholesky(covariance);
+        (Self { point: mean, offset: [T::zero(); N], cov: *covariance }, ok)
+    }
+    /// The point of linearisation.
+    #[inline(always)]
+    fn mean(&self) -> &S::Of<T> {
+        &self.point
+    }
+    #[inline(always)]
+    fn covariance(&self) -> Matrix<T, N, N> {
+        self.cov
+    }
+    #[inline(always)]
+    fn variance(&self) -> Vector<T, N> {
+        diagonal(&self.cov)
+    }
+    #[inline(always)]
+    fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self {
+        if mask.all() {
+            return *yes;
+        }
+        let mut offset = no.offset;
+        for i in 0..N {
+            offset[i] = T::select(mask, yes.offset[i], no.offset[i]);
+        }
+        let cov = select_matrix::<T, N, N>(mask, &yes.cov, &no.cov);
+        Self { point: S::select::<T>(mask, &yes.point, &no.point), offset, cov }
+    }
 }

@@ -78,6 +78,9 @@ pub enum Error {
         /// The state's time.
         now: f64,
     },
+    /// A filter that only replays whole logs.
+    #[error("filter: this one replays whole logs only; sample by sample run EKF, UKF or SRUKF")]
+    NotStreaming,
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

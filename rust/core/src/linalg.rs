@@ -90,6 +90,16 @@ pub fn add<T: Real, const R: usize, const C: usize>(a: &Matrix<T, R, C>, b: &Mat
     from_fn(|i, j| a[(i, j)] + b[(i, j)])
 }
 
+/// The diagonal of a matrix.
+#[inline(always)]
+pub fn diagonal<T: Real, const N: usize>(a: &Matrix<T, N, N>) -> Vector<T, N> {
+    let mut v = [T::zero(); N];
+    for i in 0..N {
+        v[i] = a[(i, i)];
+    }
+    v
+}
+
 /// `a x`
 #[inline(always)]
 pub fn apply<T: Real, const R: usize, const C: usize>(a: &Matrix<T, R, C>, x: &Vector<T, C>) -> Vector<T, R> {
@@ -271,4 +281,42 @@ pub fn gain<T: Real, const N: usize, const M: usize>(
         square = (y[i] * f.inverses[i]).mul_add(y[i], square);
     }
     (x, square, f.ok)
+}
+
+/// `a⁻¹ b` for a matrix near the identity, by elimination without pivoting: what carries errors over a
+/// reset is that near.
+#[inline(always)]
+pub fn solve_near_identity<T: Real, const N: usize, const M: usize>(
+    a: &Matrix<T, N, N>,
+    b: &Matrix<T, N, M>,
+) -> Matrix<T, N, M> {
+    let (mut a, mut x) = (*a, *b);
+    for k in 0..N {
+        let inverse = a[(k, k)].recip();
+        for i in k + 1..N {
+            let factor = -(a[(i, k)] * inverse);
+            for j in k + 1..N {
+                a[(i, j)] = factor.mul_add(a[(k, j)], a[(i, j)]);
+            }
+            for j in 0..M {
+                x[(i, j)] = factor.mul_add(x[(k, j)], x[(i, j)]);
+            }
+        }
+    }
+    for j in 0..M {
+        for i in (0..N).rev() {
+            let mut t = x[(i, j)];
+            for k in i + 1..N {
+                t = (-a[(i, k)]).mul_add(x[(k, j)], t);
+            }
+            x[(i, j)] = t * a[(i, i)].recip();
+        }
+    }
+    x
+}
+
+/// `a − b`
+#[inline(always)]
+pub fn subtract<T: Real, const R: usize, const C: usize>(a: &Matrix<T, R, C>, b: &Matrix<T, R, C>) -> Matrix<T, R, C> {
+    from_fn(|i, j| a[(i, j)] - b[(i, j)])
 }

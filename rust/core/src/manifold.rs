@@ -1,6 +1,6 @@
 //! Where states live: a manifold with an `N`-dimensional error state.
 
-use crate::linalg::{Matrix, Vector, congruence, identity, mul};
+use crate::linalg::{Matrix, Vector, congruence, identity, mul, solve_near_identity, symmetric, transpose};
 use crate::scalar::{Mask, Real};
 
 /// A record of scalars that exists over every [`Real`]: `Of<f64>`, `Of<Lanes>`, …
@@ -65,6 +65,15 @@ pub trait Manifold<const N: usize>: Family {
     fn transport_factor<T: Real>(x: &Self::Of<T>, d: &Vector<T, N>, l: &Matrix<T, N, N>) -> Matrix<T, N, N> {
         mul(&Self::reset(x, d), l)
     }
+    /// Carries a covariance of errors about `x ⊞ d` back to errors about `x`: the inverse of
+    /// [`Self::transport`].
+    #[inline(always)]
+    fn transport_back<T: Real>(x: &Self::Of<T>, d: &Vector<T, N>, p: &Matrix<T, N, N>) -> Matrix<T, N, N> {
+        let j = Self::reset(x, d);
+        let once = solve_near_identity(&j, p);
+        let twice = solve_near_identity(&j, &transpose(&once));
+        symmetric(|i, k| twice[(i, k)])
+    }
     /// Step of numerical differences along error component `i`.
     #[inline(always)]
     fn difference_step(_i: usize) -> f64 {
@@ -102,6 +111,10 @@ impl<const N: usize> Manifold<N> for Euclidean<N> {
     #[inline(always)]
     fn transport_factor<T: Real>(_: &[T; N], _: &Vector<T, N>, l: &Matrix<T, N, N>) -> Matrix<T, N, N> {
         *l
+    }
+    #[inline(always)]
+    fn transport_back<T: Real>(_: &[T; N], _: &Vector<T, N>, p: &Matrix<T, N, N>) -> Matrix<T, N, N> {
+        *p
     }
 }
 

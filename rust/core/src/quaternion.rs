@@ -300,6 +300,15 @@ pub fn right_jacobian<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
     skew.matrix(T::one(), -c1, c2)
 }
 
+/// Left Jacobian of the rotation group: `exp(v + d) ≈ exp(J d) ⊗ exp(v)` (Solà eq. 145), the transpose of
+/// the right one.
+#[inline(always)]
+pub fn left_jacobian<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
+    let skew = InSkew::new(v);
+    let [c1, c2, _, _] = angle_coefficients(skew.theta2());
+    skew.matrix(T::one(), c1, c2)
+}
+
 /// Inverse of the right Jacobian (Solà eq. 184), for `|v| < 2π`.
 pub fn right_jacobian_inverse(v: &Vector<f64, 3>) -> Matrix<f64, 3, 3> {
     let skew = InSkew::new(v);

@@ -93,7 +93,7 @@ fn agrees_with_the_textbook<F: Filter>(filter: &F, tolerance: f64) {
 
 #[test]
 fn every_filter_is_the_kalman_filter_on_a_linear_system() {
-    agrees_with_the_textbook(&Ekf, 2e-8); // its transition is by differences here
+    agrees_with_the_textbook(&Ekf::default(), 2e-8); // its transition is by differences here
     agrees_with_the_textbook(&Ukf::default(), 1e-11);
     for (alpha, beta, kappa) in [(1.0, 2.0, Some(0.0)), (0.5, 0.25, Some(1.0)), (1e-2, 2.0, None)] {
         let weights = Unscented::new(alpha, beta, kappa).unwrap();
@@ -140,7 +140,7 @@ fn failed_steps_leave_the_belief<F: Filter>(filter: &F) {
 
 #[test]
 fn a_failed_step_leaves_the_belief_as_it_was() {
-    failed_steps_leave_the_belief(&Ekf);
+    failed_steps_leave_the_belief(&Ekf::default());
     failed_steps_leave_the_belief(&Ukf::default());
     failed_steps_leave_the_belief(&SrUkf::default());
 }
@@ -189,7 +189,7 @@ fn lanes_are_single_filters<F: Filter>(filter: &F) {
 
 #[test]
 fn eight_filters_in_lanes_are_eight_filters() {
-    lanes_are_single_filters(&Ekf);
+    lanes_are_single_filters(&Ekf::default());
     lanes_are_single_filters(&Ukf::default());
     lanes_are_single_filters(&SrUkf::default());
 }
@@ -222,7 +222,7 @@ fn a_very_precise_measurement_leaves_its_own_variance() {
         (o.accepted, b.covariance()[(0, 0)])
     }
     for r in [1e-10, 1e-18, 1e-30] {
-        let (accepted, variance) = left(&Ekf, r);
+        let (accepted, variance) = left(&Ekf::default(), r);
         let exact = r / (1.0 + r);
         assert!(accepted && (variance / exact - 1.0).abs() < 1e-5, "{variance:e} {exact:e}");
         // a square root is known to the last digit of the prior's, 1e-16 here

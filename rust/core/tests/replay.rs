@@ -17,7 +17,7 @@ use common::{ARW, Made, RRW, SIGMA, made, start};
 const TIMING: GyroTiming = GyroTiming { sampling: Sampling::Hold, max_gap: 10.0, gap_rate_sigma: 1e-3 };
 
 fn filters() -> [AnyFilter; 3] {
-    [AnyFilter::Ekf(Ekf), AnyFilter::Ukf(Ukf::default()), AnyFilter::SrUkf(SrUkf::default())]
+    [AnyFilter::Ekf(Ekf::default()), AnyFilter::Ukf(Ukf::default()), AnyFilter::SrUkf(SrUkf::default())]
 }
 
 fn replay(made: &Made, filter: &AnyFilter, output: Output, level: Level, t: f64) -> Result<Buffers, Error> {
@@ -67,7 +67,7 @@ fn rows_are_counted_as_they_are_written() {
         (0.0, Output::Period(100.0)),
         (10.0, Output::Every(2)),
     ] {
-        let out = replay(&made, &AnyFilter::Ekf(Ekf), output, Level::Portable, t).unwrap();
+        let out = replay(&made, &AnyFilter::Ekf(Ekf::default()), output, Level::Portable, t).unwrap();
         assert_eq!(out.t[0], t);
         for pair in out.t.windows(2) {
             assert!(pair[1] > pair[0], "{output:?} {t}: {pair:?}");
@@ -80,7 +80,7 @@ fn rows_are_counted_as_they_are_written() {
         }
     }
     for bad in [Output::Every(0), Output::Period(0.0), Output::Period(f64::NAN), Output::Period(1e-300)] {
-        let result = replay(&made, &AnyFilter::Ekf(Ekf), bad, Level::Portable, 0.0);
+        let result = replay(&made, &AnyFilter::Ekf(Ekf::default()), bad, Level::Portable, 0.0);
         assert!(matches!(result, Err(Error::Parameter { .. })));
     }
 }
@@ -175,11 +175,11 @@ fn a_bad_first_fix_is_not_started_from() {
 fn times_that_go_back_are_named() {
     let mut bad = made(100, 6);
     bad.t[40] = bad.t[39];
-    let result = replay(&bad, &AnyFilter::Ekf(Ekf), Output::Every(1), Level::Portable, 0.0);
+    let result = replay(&bad, &AnyFilter::Ekf(Ekf::default()), Output::Every(1), Level::Portable, 0.0);
     assert!(matches!(result, Err(Error::NotIncreasing { row: 40, .. })), "{result:?}");
     let mut bad = made(100, 6);
     bad.star_t[7] = 0.0;
-    let result = replay(&bad, &AnyFilter::Ekf(Ekf), Output::Every(1), Level::Portable, 0.0);
+    let result = replay(&bad, &AnyFilter::Ekf(Ekf::default()), Output::Every(1), Level::Portable, 0.0);
     assert!(matches!(result, Err(Error::NotIncreasing { row: 7, .. })), "{result:?}");
 }
 
@@ -196,6 +196,6 @@ fn a_poll_can_end_the_run() {
     let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
     let mut poll = |k: usize| if k > 5000 { Err(Error::Interrupted) } else { Ok(()) };
     let options = Options { output, level: Level::Portable };
-    let result = run(&AnyFilter::Ekf(Ekf), log, &start, &options, columns, measured, &mut poll);
+    let result = run(&AnyFilter::Ekf(Ekf::default()), log, &start, &options, columns, measured, &mut poll);
     assert_eq!(result.err(), Some(Error::Interrupted));
 }

@@ -45,7 +45,7 @@ fn described(error: &Error, details: &Bound<'_, PyDict>) -> PyResult<(&'static s
             let advice = "check the noise parameters, or use the square-root filter";
             return Ok(("NumericalError", format!("{what} is not positive definite or not finite; {advice}")));
         }
-        Error::NoStart { .. } => error.to_string(),
+        Error::NoStart { .. } | Error::NotStreaming => error.to_string(),
         Error::Interrupted => return Ok(("CelestcoreError", error.to_string())),
     };
     Ok(("InputError", message))

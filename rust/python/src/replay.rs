@@ -6,10 +6,11 @@ use crate::errors::{input, raise};
 use crate::quaternions::integrator;
 use celestcore_core::Error;
 use celestcore_core::attitude::{
-    AnyFilter, Attitude, AttitudeSensor, AttitudeSensors, DirectionSeries, GyroModel, GyroSeries, GyroTiming, Log,
-    Options, Sampling, StarSeries, first_fix, rows as rows_of, run,
+    AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, Calibration, Columns, DirectionSeries,
+    GyroModel, GyroSeries, GyroTiming, Log, Measured, Options, Sampling, StarSeries, calibrate as run_calibration,
+    first_fix, rows as rows_of, run, smooth,
 };
-use celestcore_core::filter::{Ekf, SrUkf, Ukf, Unscented};
+use celestcore_core::filter::{Ekf, Iterated, SrUkf, Ukf, Unscented};
 use celestcore_core::replay::{Output, Start};
 use celestcore_core::scalar::Level;
 use numpy::PyArray1;
@@ -32,6 +33,12 @@ pub(crate) struct Setup {
     #[pyo3(item)]
     integrator: String,
     #[pyo3(item)]
+    reset: bool,
+    #[pyo3(item)]
+    iterations: usize,
+    #[pyo3(item)]
+    tolerance: f64,
+    #[pyo3(item)]
     arw: f64,
     #[pyo3(item)]
     rrw: f64,
@@ -53,10 +60,13 @@ impl Setup {
             Ok::<_, Error>(w)
         };
         match self.filter.as_str() {
-            "ekf" => Ok(AnyFilter::Ekf(Ekf)),
+            "ekf" => Ok(AnyFilter::Ekf(Ekf { reset: self.reset })),
             "ukf" => Ok(AnyFilter::Ukf(Ukf { weights: weights().map_err(|e| raise(py, e))? })),
             "srukf" => Ok(AnyFilter::SrUkf(weights().and_then(SrUkf::new).map_err(|e| raise(py, e))?)),
-            other => Err(input(py, &format!("filter = {other:?}: must be 'ekf', 'ukf' or 'srukf'"))),
+            "iterated" => Ok(AnyFilter::Iterated(Iterated { iterations: self.iterations, tolerance: self.tolerance })),
+            "invariant" => Ok(AnyFilter::Invariant),
+            "literal" => Ok(AnyFilter::Literal(Ukf { weights: weights().map_err(|e| raise(py, e))? })),
+            other => Err(input(py, &format!("filter = {other:?}: is not known"))),
         }
     }
     pub(crate) fn model(&self, py: Python<'_>) -> PyResult<GyroModel> {
@@ -112,78 +122,162 @@ impl<'py> Sensor<'py> {
 /// How often Python hears of a run: often enough for Ctrl-C, seldom enough not to wait for other threads.
 const POLL: Duration = Duration::from_millis(50);
 
-#[pyfunction]
-#[pyo3(signature = (gyro_t, gyro_rate, sensors, setup, start, bias0, bias_sigma, every, period, covariance, portable, progress))]
-#[expect(clippy::too_many_arguments, reason = "called by the Python package alone, by keyword")]
-fn replay<'py>(
-    py: Python<'py>,
-    gyro_t: Array<'py>,
-    gyro_rate: Array<'py>,
-    sensors: Vec<Bound<'py, PyTuple>>,
-    setup: Setup,
-    start: Option<(f64, [f64; 4], Array<'py>)>,
-    bias0: [f64; 3],
-    bias_sigma: [f64; 3],
-    every: usize,
-    period: Option<f64>,
-    covariance: bool,
-    portable: bool,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let (filter, model) = (setup.filter(py)?, setup.model(py)?);
-    let gyro =
-        GyroSeries { t: flat(&gyro_t, "gyro time")?, rate: rows(&gyro_rate, "gyro rates")?, timing: setup.timing(py)? };
-    let borrowed = sensors.iter().map(Sensor::new).collect::<PyResult<Vec<_>>>()?;
-    let series = borrowed.iter().map(Sensor::series).collect::<PyResult<Vec<_>>>()?;
-    let given = match &start {
-        Some((t, q, p)) => Some(Start {
-            t: *t,
-            mean: Attitude { q: *q, bias: bias0 },
-            covariance: matrix6(p, "initial covariance")?,
-            used: None,
-        }),
-        None => None,
-    };
-    let level = if portable { Level::Portable } else { Level::best() };
-    let options = Options { output: period.map_or(Output::Every(every), Output::Period), level };
-    let sensors = AttitudeSensors::new(&series, setup.gate).map_err(|e| raise(py, e))?;
-    let start = match given {
-        Some(start) => Ok(start),
-        None => first_fix(&gyro, &sensors, &model, bias0, bias_sigma),
-    }
-    .map_err(|e| raise(py, e))?;
-    let rows = rows_of(&gyro, &sensors, &start, options.output).map_err(|e| raise(py, e))?;
+/// What a run starts from as Python gives it.
+type Given<'py> = Option<(f64, [f64; 4], Array<'py>)>;
 
-    let arrays = Arrays::new(py, rows, covariance).map_err(|e| {
-        if !e.is_instance_of::<PyMemoryError>(py) {
-            return e;
-        }
-        input(py, &format!("{} output rows do not fit into memory: ask for fewer, by every or period", rows.output))
-    })?;
-    let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
-    let mut listener = Listener { progress, total: gyro.t.len(), heard: Instant::now(), stopped: None };
-    let (end, elapsed) = arrays.write(|columns, measured| {
-        let listener = &mut listener;
-        py.detach(|| {
-            let began = Instant::now();
-            let mut poll = |k: usize| listener.poll(k);
-            let end = run(&filter, log, &start, &options, columns, measured, &mut poll);
-            (end, began.elapsed().as_secs_f64())
-        })
-    })?;
-    if let Some(error) = listener.stopped {
-        return Err(error);
+/// A log and how to start on it.
+#[derive(FromPyObject)]
+struct Replayed<'py> {
+    #[pyo3(item)]
+    gyro_t: Array<'py>,
+    #[pyo3(item)]
+    gyro_rate: Array<'py>,
+    #[pyo3(item)]
+    sensors: Vec<Bound<'py, PyTuple>>,
+    #[pyo3(item)]
+    setup: Setup,
+    #[pyo3(item)]
+    start: Given<'py>,
+    #[pyo3(item)]
+    bias0: [f64; 3],
+    #[pyo3(item)]
+    bias_sigma: [f64; 3],
+    #[pyo3(item)]
+    every: usize,
+    #[pyo3(item)]
+    period: Option<f64>,
+    #[pyo3(item)]
+    covariance: bool,
+    #[pyo3(item)]
+    portable: bool,
+    #[pyo3(item)]
+    progress: Option<Py<PyAny>>,
+}
+
+impl<'py> Replayed<'py> {
+    fn options(&self) -> Options {
+        let level = if self.portable { Level::Portable } else { Level::best() };
+        Options { output: self.period.map_or(Output::Every(self.every), Output::Period), level }
     }
-    let end = end.map_err(|e| raise(py, e))?;
-    let out = arrays.into_dict(py)?;
-    out.set_item("outside", end.outside)?;
-    out.set_item("final_t", end.t)?;
-    out.set_item("final_q", PyArray1::from_slice(py, &end.mean.q))?;
-    out.set_item("final_bias", PyArray1::from_slice(py, &end.mean.bias))?;
+
+    /// Calls `job` with all that it needs while other Python threads run, and returns what it has written
+    /// and computed.
+    fn call<R: Send>(
+        &self,
+        py: Python<'py>,
+        passes: usize,
+        job: impl Send + FnOnce(Log<'_>, &Begin, &Options, Columns<'_>, Measured<'_>, Poll<'_>) -> Result<R, Error>,
+    ) -> PyResult<(Bound<'py, PyDict>, R)> {
+        let model = self.setup.model(py)?;
+        let timing = self.setup.timing(py)?;
+        let gyro =
+            GyroSeries { t: flat(&self.gyro_t, "gyro time")?, rate: rows(&self.gyro_rate, "gyro rates")?, timing };
+        let borrowed = self.sensors.iter().map(Sensor::new).collect::<PyResult<Vec<_>>>()?;
+        let series = borrowed.iter().map(Sensor::series).collect::<PyResult<Vec<_>>>()?;
+        let sensors = AttitudeSensors::new(&series, self.setup.gate).map_err(|e| raise(py, e))?;
+        let start = self.begin(py, &gyro, &sensors, &model)?;
+        let options = self.options();
+        let rows = rows_of(&gyro, &sensors, &start, options.output).map_err(|e| raise(py, e))?;
+        let arrays = Arrays::new(py, rows, self.covariance).map_err(|e| {
+            if !e.is_instance_of::<PyMemoryError>(py) {
+                return e;
+            }
+            let message = "output rows do not fit into memory: ask for fewer, by every or period";
+            input(py, &format!("{} {message}", rows.output))
+        })?;
+        let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
+        let progress = self.progress.as_ref().map(|p| p.clone_ref(py));
+        let mut listener = Listener { progress, total: passes * gyro.t.len(), heard: Instant::now(), stopped: None };
+        let (end, elapsed) = arrays.write(|columns, measured| {
+            let listener = &mut listener;
+            py.detach(|| {
+                let began = Instant::now();
+                let mut poll = |k: usize| listener.poll(k);
+                let end = job(log, &start, &options, columns, measured, &mut poll);
+                (end, began.elapsed().as_secs_f64())
+            })
+        })?;
+        if let Some(error) = listener.stopped {
+            return Err(error);
+        }
+        let end = end.map_err(|e| raise(py, e))?;
+        let out = arrays.into_dict(py)?;
+        out.set_item("start_fix", start.used.map(|i| sensors.source(i)))?;
+        out.set_item("elapsed_s", elapsed)?;
+        Ok((out, end))
+    }
+
+    fn begin(
+        &self,
+        py: Python<'py>,
+        gyro: &GyroSeries<'_>,
+        sensors: &AttitudeSensors<'_>,
+        model: &GyroModel,
+    ) -> PyResult<Begin> {
+        let start = match &self.start {
+            Some((t, q, p)) => Ok(Start {
+                t: *t,
+                mean: Attitude { q: *q, bias: self.bias0 },
+                covariance: matrix6(p, "initial covariance")?,
+                used: None,
+            }),
+            None => first_fix(gyro, sensors, model, self.bias0, self.bias_sigma),
+        };
+        start.map_err(|e| raise(py, e))
+    }
+}
+
+type Begin = Start<AttitudeBias, 6>;
+type Poll<'a> = &'a mut dyn FnMut(usize) -> Result<(), Error>;
+
+/// A whole log, forward, or forward and back.
+#[pyfunction]
+fn replay<'py>(py: Python<'py>, log: Replayed<'py>, smoothed: bool) -> PyResult<Bound<'py, PyDict>> {
+    let filter = log.setup.filter(py)?;
+    let (out, end) = log.call(py, 1 + usize::from(smoothed), |log, start, options, columns, measured, poll| {
+        let call = if smoothed { smooth } else { run };
+        call(&filter, log, start, options, columns, measured, poll)
+    })?;
+    finish(py, &out, (end.t, end.outside, end.log_likelihood), &end.mean)?;
     out.set_item("final_covariance", table(py, as_rows(&end.covariance))?)?;
-    out.set_item("start_fix", start.used.map(|i| sensors.source(i)))?;
-    out.set_item("elapsed_s", elapsed)?;
     Ok(out)
+}
+
+/// A whole log by the filter that also estimates the gyro's and a camera's calibration. `aligned` is the
+/// number of that camera, `prior` the 1-sigma of scale factors, misalignments and alignment.
+#[pyfunction]
+fn calibrate<'py>(
+    py: Python<'py>,
+    log: Replayed<'py>,
+    aligned: Option<usize>,
+    prior: [f64; 3],
+) -> PyResult<Bound<'py, PyDict>> {
+    let calibration = Calibration { model: log.setup.model(py)?, aligned, prior };
+    let (out, end) = log.call(py, 1, |log, start, options, columns, measured, poll| {
+        run_calibration(&calibration, log, start, options, columns, measured, poll)
+    })?;
+    let mean = Attitude { q: end.mean.q, bias: end.mean.bias };
+    finish(py, &out, (end.t, end.outside, end.log_likelihood), &mean)?;
+    let attitude = end.covariance.fixed_view::<6, 6>(0, 0).into_owned();
+    out.set_item("final_covariance", table(py, as_rows(&attitude))?)?;
+    out.set_item("full_covariance", table(py, as_rows(&end.covariance))?)?;
+    out.set_item("gyro_errors", PyArray1::from_slice(py, &end.mean.gyro))?;
+    out.set_item("alignment", PyArray1::from_slice(py, &end.mean.alignment))?;
+    out.set_item("prior_sigma", PyArray1::from_slice(py, &calibration.prior_sigma()))?;
+    Ok(out)
+}
+
+fn finish(
+    py: Python<'_>,
+    out: &Bound<'_, PyDict>,
+    (t, outside, log_likelihood): (f64, usize, f64),
+    mean: &Attitude<f64>,
+) -> PyResult<()> {
+    out.set_item("outside", outside)?;
+    out.set_item("log_likelihood", log_likelihood)?;
+    out.set_item("final_t", t)?;
+    out.set_item("final_q", PyArray1::from_slice(py, &mean.q))?;
+    out.set_item("final_bias", PyArray1::from_slice(py, &mean.bias))
 }
 
 /// Lets Python handle Ctrl-C and hear of the progress while a run goes on without it.
@@ -215,5 +309,6 @@ impl Listener {
 }
 
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add_function(wrap_pyfunction!(replay, m)?)
+    m.add_function(wrap_pyfunction!(replay, m)?)?;
+    m.add_function(wrap_pyfunction!(calibrate, m)?)
 }

@@ -4,7 +4,6 @@ use crate::convert::{Array, as_rows, matrix6, table};
 use crate::errors::{input, raise};
 use crate::replay::Setup;
 use celestcore_core::attitude::{Attitude, Reference, Snapshot, Stream};
-use celestcore_core::quaternion::rotate;
 use celestcore_core::replay::Report;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
@@ -50,18 +49,18 @@ impl Update {
 #[derive(Clone)]
 struct AttitudeStream {
     stream: Stream,
-    /// Gyro frame to body.
-    mounting: Option<[f64; 4]>,
+    /// Measured rates to rates of the body, a matrix row by row.
+    to_body: Option<[f64; 9]>,
 }
 
 #[pymethods]
 impl AttitudeStream {
     #[new]
-    #[pyo3(signature = (setup, mounting, t, q, bias, covariance))]
+    #[pyo3(signature = (setup, to_body, t, q, bias, covariance))]
     fn new(
         py: Python<'_>,
         setup: Setup,
-        mounting: Option<[f64; 4]>,
+        to_body: Option<[f64; 9]>,
         t: f64,
         q: [f64; 4],
         bias: [f64; 3],
@@ -70,14 +69,15 @@ impl AttitudeStream {
         let (filter, model, timing) = (setup.filter(py)?, setup.model(py)?, setup.timing(py)?);
         let p = matrix6(&covariance, "initial covariance")?;
         let stream = Stream::new(filter, model, timing, setup.gate, t, Attitude { q, bias }, &p);
-        Ok(Self { stream: stream.map_err(|e| raise(py, e))?, mounting })
+        Ok(Self { stream: stream.map_err(|e| raise(py, e))?, to_body })
     }
 
     /// Moves to time `t` with the gyro sample `rate` taken then.
     fn predict(&mut self, py: Python<'_>, t: f64, rate: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut rate = three(rate)?;
-        if let Some(q) = &self.mounting {
-            rate = rotate(q, &rate);
+        if let Some(m) = &self.to_body {
+            let row = |i: usize| m[3 * i] * rate[0] + m[3 * i + 1] * rate[1] + m[3 * i + 2] * rate[2];
+            rate = [row(0), row(1), row(2)];
         }
         self.stream.predict(t, &rate).map_err(|e| raise(py, e))
     }

@@ -53,11 +53,11 @@ impl Family for GyroInputs {
 }
 
 /// Blocks of the exact discretisation over one step of rotation vector `φ = ω dt`.
-struct Blocks<T: Real> {
+pub(super) struct Blocks<T: Real> {
     /// `exp(−[φ]×)`: attitude error to attitude error.
     rotation: Matrix<T, 3, 3>,
     /// `−dt J_r(φ)`: bias error to attitude error.
-    coupling: Matrix<T, 3, 3>,
+    pub(super) coupling: Matrix<T, 3, 3>,
     noise_attitude: Matrix<T, 3, 3>,
     noise_cross: Matrix<T, 3, 3>,
     noise_bias: T,
@@ -76,7 +76,7 @@ impl GyroModel {
     }
 
     #[inline(always)]
-    fn blocks<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, dt: T) -> Blocks<T> {
+    pub(super) fn blocks<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, dt: T) -> Blocks<T> {
         let phi = rotation_vector(x, u, dt);
         let skew = InSkew::new(&phi);
         let [c1, c2, c3, c4] = angle_coefficients(skew.theta2());

@@ -1,17 +1,25 @@
 //! Attitude from a gyro and star cameras or direction sensors.
 
+mod calibration;
 mod gyro;
+mod invariant;
+mod literal;
 mod run;
 mod sensors;
 mod series;
 mod start;
 mod state;
 mod stream;
+mod system;
 
+pub use calibration::{CALIBRATED, Calibrated, CalibratedSpace, Calibration};
 pub use gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming, Sampling};
-pub use run::{AnyFilter, Buffers, Columns, Log, Measured, Options, Rows, rows, run};
+pub use invariant::{InertialError, Invariant};
+pub use literal::{ErrorQuaternion, Literal, LiteralModel, LiteralSpace};
+pub use run::{AnyFilter, Buffers, Columns, Log, Measured, Options, Rows, calibrate, rows, run, smooth};
 pub use sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
 pub use series::{AttitudeSensor, AttitudeSensors, DirectionSeries, GyroSeries, StarSeries};
 pub use start::first_fix;
 pub use state::{Attitude, AttitudeBias, UnitQuaternion, Vector3};
 pub use stream::{Snapshot, Stream};
+pub use system::System;

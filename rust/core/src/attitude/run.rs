@@ -1,12 +1,16 @@
 //! A whole log in one call: columns in, columns out.
 
+use super::calibration::{CALIBRATED, CalibratedSpace, Calibration};
 use super::gyro::GyroModel;
+use super::invariant::Invariant;
+use super::literal::LiteralModel;
 use super::series::{AttitudeSensors, GyroSeries};
 use super::state::AttitudeBias;
+use super::system::{Seen, System};
 use crate::belief::Belief;
 use crate::error::{Error, Result};
-use crate::filter::{Ekf, Filter, SrUkf, Ukf};
-use crate::replay::{Drive, End, MAX_DOF, Output, Replay, Report, Sensors, Sink, Start};
+use crate::filter::{Ekf, Filter, Iterated, SrUkf, Ukf};
+use crate::replay::{End, MAX_DOF, Output, Recorder, Replay, Report, Sink, Start, smooth as back};
 use crate::scalar::{Level, Real, Run};
 
 /// The filters, chosen at run time, once per run.
@@ -18,6 +22,12 @@ pub enum AnyFilter {
     Ukf(Ukf),
     /// Square-root unscented Kalman filter.
     SrUkf(SrUkf),
+    /// Extended Kalman filter that re-linearises the last interval.
+    Iterated(Iterated),
+    /// Right-invariant extended Kalman filter: the error on the inertial side, no reset.
+    Invariant,
+    /// Unscented Kalman filter on the literal error-quaternion state of the paper.
+    Literal(Ukf),
 }
 
 /// What to write, and how to compute it.
@@ -194,34 +204,55 @@ impl Buffers {
     }
 }
 
-struct Writer<'a> {
+/// Writes what a replay reports into columns.
+struct Writer<'a, Y> {
     columns: Columns<'a>,
     measured: Measured<'a>,
     gyro: &'a GyroSeries<'a>,
     sensors: &'a AttitudeSensors<'a>,
-    written: Rows,
+    system: &'a Y,
+    /// Row that comes next, and the one written before it: a smoother writes from the end.
+    next: usize,
+    before: Option<usize>,
+    backwards: bool,
+    reports: usize,
 }
 
-impl Sink<AttitudeBias, 6> for Writer<'_> {
+impl<Y> Writer<'_, Y> {
     #[inline(always)]
-    fn state<T: Real, B: Belief<AttitudeBias, T, 6>>(&mut self, t: f64, k: usize, belief: &B) {
-        let row = self.written.output;
-        self.written.output += 1;
-        let x = belief.mean();
+    fn advance(&mut self) -> (usize, Option<usize>) {
+        let (row, before) = (self.next, self.before);
+        self.next = if self.backwards { row.wrapping_sub(1) } else { row + 1 };
+        self.before = Some(row);
+        (row, before)
+    }
+
+    /// Measured rate at time `t`, at or after input sample `k`.
+    #[inline(always)]
+    fn rate(&self, t: f64, k: usize) -> [f64; 3] {
+        match self.gyro.t.get(k + 1) {
+            Some(next) if t >= *next => self.gyro.rate[k + 1],
+            _ if t > self.gyro.t[k] => self.gyro.between(k).rate,
+            _ => self.gyro.rate[k],
+        }
+    }
+}
+
+impl<Y: System<N>, const N: usize> Sink<Y::Space, N> for Writer<'_, Y> {
+    #[inline(always)]
+    fn state<T: Real, B: Belief<Y::Space, T, N>>(&mut self, t: f64, k: usize, belief: &B) {
+        let (row, before) = self.advance();
+        let x = self.system.attitude(belief.mean());
         let mut q = [x.q[0].lane(0), x.q[1].lane(0), x.q[2].lane(0), x.q[3].lane(0)];
-        if row > 0 {
-            let last = self.columns.q[row - 1];
+        if let Some(before) = before {
+            let last = self.columns.q[before];
             if last[0] * q[0] + last[1] * q[1] + last[2] * q[2] + last[3] * q[3] < 0.0 {
                 q = [-q[0], -q[1], -q[2], -q[3]];
             }
         }
         let bias = [x.bias[0].lane(0), x.bias[1].lane(0), x.bias[2].lane(0)];
-        let rate = match self.gyro.t.get(k + 1) {
-            Some(next) if t >= *next => self.gyro.rate[k + 1],
-            _ if t > self.gyro.t[k] => Drive::<GyroModel, 6>::input::<f64>(self.gyro, k).rate,
-            _ => self.gyro.rate[k],
-        };
-        let variance = belief.variance();
+        let rate = self.rate(t, k);
+        let variance = self.system.variance(belief);
         let mut sigma = [0.0; 6];
         for i in 0..6 {
             sigma[i] = variance[i].lane(0).sqrt();
@@ -232,7 +263,7 @@ impl Sink<AttitudeBias, 6> for Writer<'_> {
         self.columns.bias[row] = bias;
         self.columns.sigma[row] = sigma;
         if let Some(p) = self.columns.covariance.get_mut(row) {
-            let cov = belief.covariance();
+            let cov = self.system.covariance(belief.mean(), &belief.covariance());
             for i in 0..6 {
                 for j in 0..6 {
                     p[i][j] = cov[(i, j)].lane(0);
@@ -243,8 +274,8 @@ impl Sink<AttitudeBias, 6> for Writer<'_> {
 
     #[inline(always)]
     fn measured(&mut self, i: usize, report: &Report) {
-        let n = self.written.measured;
-        self.written.measured += 1;
+        let n = self.reports;
+        self.reports += 1;
         let (sensor, row) = self.sensors.source(i);
         let m = &mut self.measured;
         m.t[n] = self.sensors.sensors()[sensor].times()[row];
@@ -284,52 +315,206 @@ pub fn run<'a>(
     measured: Measured<'a>,
     poll: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<End<AttitudeBias, 6>> {
-    let same = |field, found, expected| {
-        if found == expected { Ok(()) } else { Err(Error::Length { field, expected, found }) }
-    };
-    same("gyro.rate", log.gyro.rate.len(), log.gyro.t.len())?;
-    let rows = rows(log.gyro, log.sensors, start, options.output)?;
-    let (c, m) = (&columns, &measured);
-    for found in [c.t.len(), c.q.len(), c.rate.len(), c.bias.len(), c.sigma.len()] {
-        same("output column", found, rows.output)?;
-    }
-    let lengths =
-        [m.t.len(), m.sensor.len(), m.row.len(), m.dof.len(), m.nis.len(), m.accepted.len(), m.innovation.len()];
-    for found in lengths.into_iter().chain([m.innovation_sigma.len()]) {
-        same("measurement column", found, rows.measured)?;
-    }
-    let writer =
-        Writer { columns, measured, gyro: log.gyro, sensors: log.sensors, written: Rows { output: 0, measured: 0 } };
-    match filter {
-        AnyFilter::Ekf(f) => run_with(f, log, start, options, writer, poll),
-        AnyFilter::Ukf(f) => run_with(f, log, start, options, writer, poll),
-        AnyFilter::SrUkf(f) => run_with(f, log, start, options, writer, poll),
-    }
+    Call { log, start, options, columns, measured, poll, back: false }.dispatch(filter)
 }
 
-fn run_with<F: Filter>(
-    filter: &F,
-    log: Log<'_>,
+/// Replays a log forward and goes back over it: every row knows all measurements, before and after it.
+/// Measurements are reported as the forward pass saw them. `poll` is called with numbers up to twice that
+/// of the input samples.
+///
+/// # Errors
+/// See [`run`]; also an output at a period of its own.
+pub fn smooth<'a>(
+    filter: &AnyFilter,
+    log: Log<'a>,
     start: &Start<AttitudeBias, 6>,
     options: &Options,
-    writer: Writer<'_>,
+    columns: Columns<'a>,
+    measured: Measured<'a>,
     poll: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<End<AttitudeBias, 6>> {
-    let replay = Replay { filter, dynamics: log.model, drive: log.gyro, sensors: log.sensors, output: options.output };
-    options.level.run(Job { replay, start, writer, poll })
+    if let Output::Period(value) = options.output {
+        let need = "does not go with smoothing, which writes at gyro samples; use every";
+        return Err(Error::Parameter { field: "period", value, need });
+    }
+    Call { log, start, options, columns, measured, poll, back: true }.dispatch(filter)
 }
 
-struct Job<'a, F> {
-    replay: Replay<'a, F, GyroModel, GyroSeries<'a>, AttitudeSensors<'a>>,
-    start: &'a Start<AttitudeBias, 6>,
-    writer: Writer<'a>,
-    poll: &'a mut dyn FnMut(usize) -> Result<()>,
+/// Replays a log with the extended Kalman filter on the state that also holds calibration parameters.
+///
+/// # Errors
+/// See [`run`].
+pub fn calibrate<'a>(
+    calibration: &Calibration,
+    log: Log<'a>,
+    start: &Start<AttitudeBias, 6>,
+    options: &Options,
+    columns: Columns<'a>,
+    measured: Measured<'a>,
+    poll: &mut dyn FnMut(usize) -> Result<()>,
+) -> Result<End<CalibratedSpace, CALIBRATED>> {
+    let call = Call { log, start, options, columns, measured, poll, back: false };
+    call.check()?;
+    call.pass(Baseline, &Ekf::default(), calibration)
 }
 
-impl<F: Filter> Run for Job<'_, F> {
-    type Output = Result<End<AttitudeBias, 6>>;
+/// One call of [`run`], [`smooth`] or [`calibrate`].
+struct Call<'a, 'c> {
+    log: Log<'a>,
+    start: &'c Start<AttitudeBias, 6>,
+    options: &'c Options,
+    columns: Columns<'a>,
+    measured: Measured<'a>,
+    poll: &'c mut dyn FnMut(usize) -> Result<()>,
+    back: bool,
+}
+
+impl Call<'_, '_> {
+    /// The one place where filters and systems meet.
+    fn dispatch(self, filter: &AnyFilter) -> Result<End<AttitudeBias, 6>> {
+        self.check()?;
+        let model = *self.log.model;
+        let level = self.options.level;
+        match filter {
+            AnyFilter::Ekf(f) => self.with(level, f, &model),
+            AnyFilter::Ukf(f) => self.with(level, f, &model),
+            AnyFilter::SrUkf(f) => self.with(level, f, &model),
+            AnyFilter::Iterated(f) => self.with(Baseline, f, &model),
+            AnyFilter::Invariant => self.with(Baseline, &Ekf { reset: false }, &Invariant(model)),
+            AnyFilter::Literal(f) => self.with(level, f, &LiteralModel(model)),
+        }
+    }
+
+    fn check(&self) -> Result<()> {
+        let same = |field, found, expected| {
+            if found == expected { Ok(()) } else { Err(Error::Length { field, expected, found }) }
+        };
+        let log = &self.log;
+        same("gyro.rate", log.gyro.rate.len(), log.gyro.t.len())?;
+        let rows = rows(log.gyro, log.sensors, self.start, self.options.output)?;
+        let (c, m) = (&self.columns, &self.measured);
+        for found in [c.t.len(), c.q.len(), c.rate.len(), c.bias.len(), c.sigma.len()] {
+            same("output column", found, rows.output)?;
+        }
+        let lengths =
+            [m.t.len(), m.sensor.len(), m.row.len(), m.dof.len(), m.nis.len(), m.accepted.len(), m.innovation.len()];
+        for found in lengths.into_iter().chain([m.innovation_sigma.len()]) {
+            same("measurement column", found, rows.measured)?;
+        }
+        Ok(())
+    }
+
+    fn with<F: Filter, Y: System<N>, const N: usize>(
+        self,
+        runner: impl Runner,
+        filter: &F,
+        system: &Y,
+    ) -> Result<End<AttitudeBias, 6>> {
+        let end = self.pass(runner, filter, system)?;
+        Ok(End {
+            t: end.t,
+            mean: system.attitude(&end.mean),
+            covariance: system.covariance(&end.mean, &end.covariance),
+            outside: end.outside,
+            log_likelihood: end.log_likelihood,
+        })
+    }
+
+    fn pass<F: Filter, Y: System<N>, const N: usize>(
+        self,
+        runner: impl Runner,
+        filter: &F,
+        system: &Y,
+    ) -> Result<End<Y::Space, N>> {
+        let (mean, covariance) = system.start(&self.start.mean, &self.start.covariance);
+        let start = Start { t: self.start.t, mean, covariance, used: self.start.used };
+        let rows = self.columns.t.len();
+        let writer = Writer {
+            next: if self.back { rows.wrapping_sub(1) } else { 0 },
+            columns: self.columns,
+            measured: self.measured,
+            gyro: self.log.gyro,
+            sensors: self.log.sensors,
+            system,
+            before: None,
+            backwards: self.back,
+            reports: 0,
+        };
+        let sensors = Seen { sensors: self.log.sensors, system };
+        let output = self.options.output;
+        let replay = Replay { filter, dynamics: system, drive: self.log.gyro, sensors: &sensors, output };
+        // no more steps than samples and measurements together; memory not written is not used
+        let nodes = self.log.gyro.t.len() + self.log.sensors.len();
+        let recorder = self.back.then(|| Recorder::new(nodes, rows));
+        let pass = Pass { writer, recorder };
+        runner.run(Job { replay, start: &start, pass, poll: self.poll })
+    }
+}
+
+/// How a job is compiled: for every instruction set, or, where that is not worth the compiling, for one.
+trait Runner {
+    fn run<R: Run>(self, job: R) -> R::Output;
+}
+
+impl Runner for Level {
+    fn run<R: Run>(self, job: R) -> R::Output {
+        Level::run(self, job)
+    }
+}
+
+/// The baseline of the target alone: for filters of wild starts, not of years of telemetry.
+struct Baseline;
+
+impl Runner for Baseline {
+    fn run<R: Run>(self, job: R) -> R::Output {
+        job.run::<f64>()
+    }
+}
+
+/// Where a pass over the log reports to: straight to the writer, or to a recorder that a smoother reads.
+struct Pass<'a, Y: System<N>, const N: usize> {
+    writer: Writer<'a, Y>,
+    recorder: Option<Recorder<Y::Space, N>>,
+}
+
+impl<Y: System<N>, const N: usize> Sink<Y::Space, N> for Pass<'_, Y, N> {
+    #[inline(always)]
+    fn state<T: Real, B: Belief<Y::Space, T, N>>(&mut self, t: f64, k: usize, belief: &B) {
+        match &mut self.recorder {
+            Some(recorder) => recorder.row(t, k),
+            None => self.writer.state(t, k, belief),
+        }
+    }
+    #[inline(always)]
+    fn measured(&mut self, i: usize, report: &Report) {
+        self.writer.measured(i, report);
+    }
+    #[inline(always)]
+    fn leaving<T: Real, B: Belief<Y::Space, T, N>>(&mut self, t: f64, to: f64, k: usize, belief: &B) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.node(t, to, k, belief);
+        }
+    }
+}
+
+/// A pass of one filter on one system, and the way back if it was recorded.
+struct Job<'a, 'c, F, Y: System<N>, const N: usize> {
+    replay: Replay<'c, F, Y, GyroSeries<'a>, Seen<'a, Y>>,
+    start: &'c Start<Y::Space, N>,
+    pass: Pass<'a, Y, N>,
+    poll: &'c mut dyn FnMut(usize) -> Result<()>,
+}
+
+impl<F: Filter, Y: System<N>, const N: usize> Run for Job<'_, '_, F, Y, N> {
+    type Output = Result<End<Y::Space, N>>;
     #[inline(always)]
     fn run<T: Real<Mask = bool>>(mut self) -> Self::Output {
-        self.replay.run::<T, _, 6>(self.start, &mut self.writer, self.poll)
+        let end = self.replay.run::<T, _, N>(self.start, &mut self.pass, self.poll)?;
+        if let Some(recorder) = self.pass.recorder.take() {
+            let (samples, poll) = (self.pass.writer.gyro.t.len(), self.poll);
+            let parts = (self.replay.filter, self.replay.dynamics, self.replay.drive);
+            back::<F, Y, _, _, T, N>(parts, recorder, &end, &mut self.pass.writer, &mut |k| poll(2 * samples - k))?;
+        }
+        Ok(end)
     }
 }

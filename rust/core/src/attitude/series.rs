@@ -1,13 +1,11 @@
 //! A log's columns as what drives and corrects a replay.
 
-use super::gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming};
-use super::sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
-use super::state::{AttitudeBias, UnitQuaternion, Vector3};
+use super::gyro::{GyroInput, GyroInputs, GyroTiming};
 use crate::consistency::chi2_quantile;
 use crate::error::{Error, Result};
-use crate::filter::Filter;
 use crate::manifold::Family;
-use crate::replay::{Drive, MAX_DOF, Report, Sensors};
+use crate::model::Dynamics;
+use crate::replay::{Drive, MAX_DOF};
 use crate::scalar::Real;
 
 /// Gyro samples.
@@ -21,16 +19,23 @@ pub struct GyroSeries<'a> {
     pub timing: GyroTiming,
 }
 
-impl Drive<GyroModel, 6> for GyroSeries<'_> {
+impl GyroSeries<'_> {
+    /// Input between samples `k` and `k + 1`.
+    #[inline(always)]
+    pub fn between(&self, k: usize) -> GyroInput<f64> {
+        let next = (k + 1).min(self.t.len() - 1);
+        self.timing.between(&self.rate[k], &self.rate[next], self.t[next] - self.t[k])
+    }
+}
+
+impl<D: Dynamics<N, Input = GyroInputs>, const N: usize> Drive<D, N> for GyroSeries<'_> {
     #[inline(always)]
     fn times(&self) -> &[f64] {
         self.t
     }
     #[inline(always)]
     fn input<T: Real>(&self, k: usize) -> GyroInput<T> {
-        let next = (k + 1).min(self.t.len() - 1);
-        let u = self.timing.between(&self.rate[k], &self.rate[next], self.t[next] - self.t[k]);
-        GyroInputs::map(&u, T::splat)
+        GyroInputs::map(&self.between(k), T::splat)
     }
 }
 
@@ -137,6 +142,28 @@ impl<'a> AttitudeSensors<'a> {
         (sensor as usize, row as usize)
     }
 
+    /// How many measurements there are.
+    pub fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.order.is_empty()
+    }
+
+    /// Time of the i-th measurement, s.
+    #[inline(always)]
+    pub fn time(&self, i: usize) -> f64 {
+        let (sensor, row) = self.source(i);
+        self.sensors[sensor].times()[row]
+    }
+
+    /// Gates for one to [`MAX_DOF`] degrees of freedom.
+    pub(super) fn gates(&self) -> &[f64; MAX_DOF] {
+        &self.gates
+    }
+
     /// The sensors.
     pub fn sensors(&self) -> &[AttitudeSensor<'a>] {
         self.sensors
@@ -153,58 +180,4 @@ pub(super) fn gates(probability: f64) -> Result<[f64; MAX_DOF]> {
         *gate = chi2_quantile(probability, (i + 1) as f64)?;
     }
     Ok(gates)
-}
-
-/// Corrects a belief by a star fix.
-#[inline(always)]
-pub(super) fn update_star<F: Filter, T: Real<Mask = bool>>(
-    filter: &F,
-    belief: &mut F::Belief<AttitudeBias, T, 6>,
-    q: &[f64; 4],
-    noise: &[f64; 6],
-    gates: &[f64; MAX_DOF],
-) -> Report {
-    let (given, z) = (Symmetric3::map(noise, T::splat), UnitQuaternion::map(q, T::splat));
-    filter.update::<_, T, 6, 3>(belief, &StarQuaternion, &given, &z, T::splat(gates[2])).into()
-}
-
-/// Corrects a belief by a direction.
-#[inline(always)]
-pub(super) fn update_direction<F: Filter, T: Real<Mask = bool>>(
-    filter: &F,
-    belief: &mut F::Belief<AttitudeBias, T, 6>,
-    body: &[f64; 3],
-    reference: &Reference<f64>,
-    gates: &[f64; MAX_DOF],
-) -> Report {
-    let (given, z) = (References::map(reference, T::splat), Vector3::map(body, T::splat));
-    filter.update::<_, T, 6, 2>(belief, &Direction, &given, &z, T::splat(gates[1])).into()
-}
-
-impl Sensors<AttitudeBias, 6> for AttitudeSensors<'_> {
-    #[inline(always)]
-    fn len(&self) -> usize {
-        self.order.len()
-    }
-    #[inline(always)]
-    fn time(&self, i: usize) -> f64 {
-        let (sensor, row) = self.source(i);
-        self.sensors[sensor].times()[row]
-    }
-    #[inline(always)]
-    fn update<F: Filter, T: Real<Mask = bool>>(
-        &self,
-        i: usize,
-        filter: &F,
-        belief: &mut F::Belief<AttitudeBias, T, 6>,
-    ) -> Report {
-        let (sensor, row) = self.source(i);
-        match &self.sensors[sensor] {
-            AttitudeSensor::Star(s) => update_star(filter, belief, &s.q[row], &s.noise[row], &self.gates),
-            AttitudeSensor::Direction(s) => {
-                let reference = Reference { inertial: s.inertial[row], sigma: s.sigma[row] };
-                update_direction(filter, belief, &s.body[row], &reference, &self.gates)
-            }
-        }
-    }
 }

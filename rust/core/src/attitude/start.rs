@@ -6,7 +6,7 @@ use super::state::{Attitude, AttitudeBias};
 use crate::error::{Error, Result};
 use crate::linalg::{Matrix, zeros};
 use crate::quaternion::{Quaternion, conjugate, difference, dot3, exp, multiply, unit};
-use crate::replay::{Drive, Sensors, Start};
+use crate::replay::Start;
 
 /// Fixes that are compared with each other.
 const CANDIDATES: usize = 7;
@@ -152,7 +152,7 @@ fn turn(gyro: &GyroSeries<'_>, from: f64, to: f64, bias: &[f64; 3]) -> Quaternio
     let mut k = gyro.t.partition_point(|s| *s <= from).saturating_sub(1);
     while t < to && k + 1 < gyro.t.len() {
         let end = gyro.t[k + 1].min(to);
-        let u = gyro.input::<f64>(k);
+        let u = gyro.between(k);
         q = multiply(&q, &exp(&std::array::from_fn(|i| (u.rate[i] - bias[i]) * (end - t))));
         t = end;
         k += 1;

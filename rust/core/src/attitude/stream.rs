@@ -3,8 +3,9 @@
 use super::gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming};
 use super::run::AnyFilter;
 use super::sensors::Reference;
-use super::series::{gates, update_direction, update_star};
+use super::series::gates;
 use super::state::{Attitude, AttitudeBias};
+use super::system::System;
 use crate::belief::{Belief, Gaussian, SqrtGaussian};
 use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, SrUkf, Ukf};
@@ -77,6 +78,9 @@ impl Stream {
             AnyFilter::SrUkf(f) => {
                 let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, covariance);
                 (Running::SrUkf(f, b), ok)
+            }
+            AnyFilter::Iterated(_) | AnyFilter::Invariant | AnyFilter::Literal(_) => {
+                return Err(Error::NotStreaming);
             }
         };
         if !ok {
@@ -187,7 +191,7 @@ impl Stream {
     fn advance(&mut self, t: f64, input: &GyroInput<f64>) -> Result<()> {
         if t > self.t {
             let (running, _) = self
-                .apply(&Step::Predict(&self.model, input, self.t, t - self.t))
+                .apply(&Step::Predict(input, self.t, t - self.t))
                 .ok_or(Error::NotPositiveDefinite { what: "predicted covariance", step: self.steps, t })?;
             self.running = running;
             self.t = t;
@@ -198,9 +202,11 @@ impl Stream {
 
     fn apply(&self, step: &Step<'_>) -> Option<(Running, Report)> {
         match &self.running {
-            Running::Ekf(f, b) => self.level.run(Job(f, b, step)).map(|(b, r)| (Running::Ekf(*f, b), r)),
-            Running::Ukf(f, b) => self.level.run(Job(f, b, step)).map(|(b, r)| (Running::Ukf(*f, b), r)),
-            Running::SrUkf(f, b) => self.level.run(Job(f, b, step)).map(|(b, r)| (Running::SrUkf(*f, b), r)),
+            Running::Ekf(f, b) => self.level.run(Job(f, &self.model, b, step)).map(|(b, r)| (Running::Ekf(*f, b), r)),
+            Running::Ukf(f, b) => self.level.run(Job(f, &self.model, b, step)).map(|(b, r)| (Running::Ukf(*f, b), r)),
+            Running::SrUkf(f, b) => {
+                self.level.run(Job(f, &self.model, b, step)).map(|(b, r)| (Running::SrUkf(*f, b), r))
+            }
         }
     }
 }
@@ -212,7 +218,7 @@ enum Fix<'a> {
 }
 
 enum Step<'a> {
-    Predict(&'a GyroModel, &'a GyroInput<f64>, f64, f64),
+    Predict(&'a GyroInput<f64>, f64, f64),
     Update(Fix<'a>, &'a [f64; MAX_DOF]),
 }
 
@@ -228,32 +234,33 @@ const NOTHING: Report = Report {
 #[inline(always)]
 fn step<F: Filter, T: Real<Mask = bool>>(
     filter: &F,
+    model: &GyroModel,
     belief: &mut F::Belief<AttitudeBias, T, 6>,
     step: &Step<'_>,
 ) -> Option<Report> {
     let report = match step {
-        Step::Predict(model, input, t, dt) => {
+        Step::Predict(input, t, dt) => {
             let u = GyroInputs::map(*input, T::splat);
-            let ok = filter.predict(belief, *model, &u, T::splat(*t), T::splat(*dt));
+            let ok = filter.predict(belief, model, &u, T::splat(*t), T::splat(*dt));
             Report { ok, ..NOTHING }
         }
-        Step::Update(Fix::Star(q, noise), gates) => update_star(filter, belief, q, noise, gates),
+        Step::Update(Fix::Star(q, noise), gates) => model.star::<F, T>(filter, belief, 0, (q, noise), gates),
         Step::Update(Fix::Direction(body, reference), gates) => {
-            update_direction(filter, belief, body, reference, gates)
+            model.direction::<F, T>(filter, belief, body, reference, gates)
         }
     };
     report.ok.then_some(report)
 }
 
 /// One step of one filter, at any instruction set.
-struct Job<'a, F: Filter>(&'a F, &'a F::Belief<AttitudeBias, f64, 6>, &'a Step<'a>);
+struct Job<'a, F: Filter>(&'a F, &'a GyroModel, &'a F::Belief<AttitudeBias, f64, 6>, &'a Step<'a>);
 
 impl<F: Filter> Run for Job<'_, F> {
     type Output = Option<(F::Belief<AttitudeBias, f64, 6>, Report)>;
     #[inline(always)]
     fn run<T: Real<Mask = bool>>(self) -> Self::Output {
-        let mut belief = F::cast::<AttitudeBias, f64, T, 6>(self.1);
-        let report = step(self.0, &mut belief, self.2)?;
+        let mut belief = F::cast::<AttitudeBias, f64, T, 6>(self.2);
+        let report = step(self.0, self.1, &mut belief, self.3)?;
         Some((F::cast::<AttitudeBias, T, f64, 6>(&belief), report))
     }
 }

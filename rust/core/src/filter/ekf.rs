@@ -1,8 +1,8 @@
 //! Extended Kalman filter on a manifold: for an attitude, the multiplicative EKF.
 
 use super::{Filter, cast};
-use crate::belief::{Belief, Gaussian, Outcome};
-use crate::linalg::{add, apply, dot, from_fn, gain, symmetric, transpose};
+use crate::belief::{Belief, Gaussian, Joint, Outcome};
+use crate::linalg::{Matrix, add, apply, cholesky, dot, from_fn, gain, mul, symmetric, transpose};
 use crate::manifold::Manifold;
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::scalar::{Mask, Real};
@@ -12,8 +12,18 @@ use crate::scalar::{Mask, Real};
 ///
 /// Sources: Lefferts, Markley, Shuster, *Kalman filtering for spacecraft attitude estimation*, 1982;
 /// Markley, *Attitude error representations for Kalman filtering*, 2003.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Ekf;
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ekf {
+    /// Whether the covariance is carried over the reset of the error state; classical filters, and the
+    /// invariant filter, leave it as it is.
+    pub reset: bool,
+}
+
+impl Default for Ekf {
+    fn default() -> Self {
+        Self { reset: true }
+    }
+}
 
 impl Filter for Ekf {
     type Belief<S: Manifold<N>, T: Real, const N: usize> = Gaussian<S, T, N>;
@@ -40,6 +50,21 @@ impl Filter for Ekf {
     }
 
     #[inline(always)]
+    fn joint<D: Dynamics<N>, T: Real, const N: usize>(
+        &self,
+        belief: &Gaussian<D::Space, T, N>,
+        dynamics: &D,
+        u: &Input<D, T, N>,
+        t: T,
+        dt: T,
+    ) -> (Joint<D::Space, T, N>, T::Mask) {
+        let (mean, cov) = dynamics.propagate(&belief.mean, &belief.cov, u, t, dt);
+        let (root, ok) = cholesky(&belief.cov);
+        let image = mul(&dynamics.transition(&belief.mean, u, t, dt), &root);
+        (Joint { mean, cov, root, image, rest: dynamics.noise(&belief.mean, u, t, dt) }, ok)
+    }
+
+    #[inline(always)]
     fn update<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(
         &self,
         belief: &mut Gaussian<H::Space, T, N>,
@@ -59,24 +84,32 @@ impl Filter for Ekf {
         let covariance = add(&hpht, &noise);
         let (gain, nis, factored) = gain(&pht, &covariance, &innovation);
 
-        // Joseph's form (I − K H) P (I − K H)ᵀ + K R Kᵀ, multiplied out one factor at a time. Signal and
-        // noise part of the innovation covariance stay apart: their sum has lost a small R beside a
-        // large H P Hᵀ, and with it the variance that is left.
-        let signal = from_fn::<T, N, M>(|i, m| pht[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| hpht[(k, m)]));
-        let rest = from_fn::<T, N, M>(|i, m| signal[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| noise[(k, m)]));
-        let joseph = symmetric(|i, j| {
-            let once = p[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| pht[(j, m)]);
-            once - dot::<T, M>(|m| rest[(i, m)], |m| gain[(j, m)])
-        });
-
+        let joseph = joseph(p, &gain, &pht, &hpht, &noise);
         let step = apply(&gain, &innovation);
-        let new = Gaussian {
-            mean: H::Space::normalise(&H::Space::retract(x, &step)),
-            cov: H::Space::transport(x, &step, &joseph),
-        };
+        let cov = if self.reset { H::Space::transport(x, &step, &joseph) } else { joseph };
+        let new = Gaussian { mean: H::Space::normalise(&H::Space::retract(x, &step)), cov };
         let ok = factored.and(new.healthy());
         let accepted = ok.and(gate.gt(nis));
         *belief = Belief::select(accepted, &new, belief);
         Outcome { ok, accepted, innovation, covariance, nis }
     }
+}
+
+/// Joseph's form `(I − K H) P (I − K H)ᵀ + K R Kᵀ`, multiplied out one factor at a time. Signal and noise
+/// part of the innovation covariance stay apart: their sum has lost a small R beside a large `H P Hᵀ`,
+/// and with it the variance that is left.
+#[inline(always)]
+pub(super) fn joseph<T: Real, const N: usize, const M: usize>(
+    p: &Matrix<T, N, N>,
+    gain: &Matrix<T, N, M>,
+    pht: &Matrix<T, N, M>,
+    hpht: &Matrix<T, M, M>,
+    noise: &Matrix<T, M, M>,
+) -> Matrix<T, N, N> {
+    let signal = from_fn::<T, N, M>(|i, m| pht[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| hpht[(k, m)]));
+    let rest = from_fn::<T, N, M>(|i, m| signal[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| noise[(k, m)]));
+    symmetric(|i, j| {
+        let once = p[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| pht[(j, m)]);
+        once - dot::<T, M>(|m| rest[(i, m)], |m| gain[(j, m)])
+    })
 }

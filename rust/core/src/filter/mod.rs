@@ -1,19 +1,24 @@
 //! Filters: values that work on any dynamics and any measurement.
 
 mod ekf;
+mod iterated;
+mod linearised;
 mod sigma;
 mod srukf;
 mod ukf;
 
 pub use ekf::Ekf;
+pub use iterated::Iterated;
+pub use linearised::Linearised;
 pub use sigma::Unscented;
 pub use srukf::SrUkf;
 pub use ukf::Ukf;
 
-use crate::belief::{Belief, Outcome};
+use crate::belief::{Belief, Joint, Outcome};
 use crate::linalg::Matrix;
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
+use crate::replay::{Drive, Past, Report, Sensors, Window};
 use crate::scalar::Real;
 
 /// A recursive filter. Each step computes first and assigns last: where it fails (the mask it
@@ -46,6 +51,17 @@ pub trait Filter: Copy {
         dt: T,
     ) -> T::Mask;
 
+    /// The prediction of [`Self::predict`] together with its correlation with the belief, for smoothing;
+    /// false where it fails.
+    fn joint<D: Dynamics<N>, T: Real, const N: usize>(
+        &self,
+        belief: &Self::Belief<D::Space, T, N>,
+        dynamics: &D,
+        u: &Input<D, T, N>,
+        t: T,
+        dt: T,
+    ) -> (Joint<D::Space, T, N>, T::Mask);
+
     /// Corrects the belief by a measurement, if its normalised innovation squared is below `gate`.
     fn update<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(
         &self,
@@ -55,6 +71,19 @@ pub trait Filter: Copy {
         z: &Value<H, T, N, M>,
         gate: T,
     ) -> Outcome<T, M>;
+
+    /// Corrects the belief by measurement `i` of a log, at time `t` in the interval after input sample `k`.
+    /// Override it to go back over the log, as [`Iterated`] does.
+    #[inline(always)]
+    fn correct<D: Dynamics<N>, I: Drive<D, N>, Q: Sensors<D::Space, N>, T: Real<Mask = bool>, const N: usize>(
+        &self,
+        log: &Past<'_, D, I, Q>,
+        _window: &mut Window<Self::Belief<D::Space, T, N>>,
+        belief: &mut Self::Belief<D::Space, T, N>,
+        (_t, _k, i): (f64, usize, usize),
+    ) -> Report {
+        log.sensors.update(i, self, belief)
+    }
 }
 
 /// The same number over another scalar, from the first lane.

@@ -8,8 +8,11 @@
 //! sums over the 2N outer points. The centre's weight, negative for `N + κ < N`, has dropped out:
 //! with `β ≥ α²` nothing is ever subtracted.
 
+use crate::belief::Joint;
 use crate::error::{Error, Result};
-use crate::linalg::{Matrix, Vector, symmetric, zeros};
+use crate::linalg::{Matrix, Vector, add, mul, mul_t, subtract, symmetric, zeros};
+use crate::manifold::{Family, Manifold};
+use crate::model::{Dynamics, Input, State};
 use crate::scalar::Real;
 
 /// Weights of the scaled unscented transform.
@@ -138,4 +141,59 @@ pub(crate) fn total<T: Real, const N: usize>(sum: &Vector<T::Pack, N>, weight: f
         m[i] = T::total(sum[i]) * weight;
     }
     m
+}
+
+/// An unscented prediction with its correlation: the odd part of the images of the points, column by
+/// column, is what the step makes of the square root.
+#[inline(always)]
+pub(crate) fn joint<D: Dynamics<N>, T: Real, const N: usize>(
+    weights: &Unscented,
+    (mean, root): (&State<D, T, N>, &Matrix<T, N, N>),
+    dynamics: &D,
+    u: &Input<D, T, N>,
+    t: T,
+    dt: T,
+) -> Joint<D::Space, T, N> {
+    let spread = weights.spread(N);
+    let x = D::Space::map(mean, T::stack);
+    let input = D::Input::map(u, T::stack);
+    let (time, step) = (t.stack(), dt.stack());
+    let half = 0.5 / spread.sqrt();
+
+    let mut centre = *mean;
+    let mut origin = x;
+    let mut moments = Moments::<T, N>::new();
+    let mut image: Matrix<T, N, N> = zeros();
+    for p in 0..packs::<T, N>() {
+        let point = D::Space::retract(&x, &points::<T, N>(root, spread.sqrt(), p));
+        let moved = dynamics.step(&point, &input, time, step);
+        if p == 0 {
+            centre = D::Space::map(&moved, |c| T::extract(c, 0));
+            origin = D::Space::map(&centre, T::stack);
+        }
+        let d = D::Space::local(&origin, &moved);
+        moments.add(&d);
+        for slot in 0..T::WIDTH {
+            let k = p * T::WIDTH + slot;
+            if k == 0 || k > 2 * N {
+                continue;
+            }
+            let (column, sign) = if k <= N { (k - 1, half) } else { (k - 1 - N, -half) };
+            for i in 0..N {
+                image[(i, column)] += T::extract(d[i], slot) * sign;
+            }
+        }
+    }
+    let (shift, cov) = moments.finish(0.5 / spread, weights.mean_weight());
+    let reset = D::Space::reset(&centre, &shift);
+    let cov = add(&D::Space::transport(&centre, &shift, &cov), &dynamics.noise(mean, u, t, dt));
+    let image = mul(&reset, &image);
+    let odd = mul_t(&image, &image);
+    Joint {
+        mean: D::Space::normalise(&D::Space::retract(&centre, &shift)),
+        cov,
+        root: *root,
+        image,
+        rest: subtract(&cov, &symmetric(|i, j| odd[(i, j)])),
+    }
 }

@@ -1,8 +1,8 @@
 //! Square-root unscented Kalman filter on a manifold.
 
-use super::sigma::{Unscented, packs, points, total};
+use super::sigma::{Unscented, joint, packs, points, total};
 use super::{Filter, cast};
-use crate::belief::{Belief, Outcome, SqrtGaussian};
+use crate::belief::{Belief, Joint, Outcome, SqrtGaussian};
 use crate::error::Result;
 use crate::linalg::{Matrix, Vector, apply, cholesky, dot, forward_solve, from_fn, mul_t, symmetric, zeros};
 use crate::manifold::{Family, Manifold};
@@ -104,13 +104,13 @@ fn scaled<P: Real, const N: usize>(v: &Vector<P, N>, by: f64) -> Vector<P, N> {
 
 /// Lower-triangular factor of the joint covariance of measurement and state, in blocks:
 /// `[[root, 0], [gain, rest]]`.
-struct Joint<T: Real, const N: usize, const M: usize> {
+struct Stacked<T: Real, const N: usize, const M: usize> {
     root: Matrix<T, M, M>,
     gain: Matrix<T, N, M>,
     rest: Matrix<T, N, N>,
 }
 
-impl<T: Real, const N: usize, const M: usize> Joint<T, N, M> {
+impl<T: Real, const N: usize, const M: usize> Stacked<T, N, M> {
     #[inline(always)]
     fn absorb(&mut self, e: &Vector<T::Pack, M>, d: &Vector<T::Pack, N>) {
         let (mut e, mut d) = (*e, *d);
@@ -181,6 +181,19 @@ impl Filter for SrUkf {
     }
 
     #[inline(always)]
+    fn joint<D: Dynamics<N>, T: Real, const N: usize>(
+        &self,
+        belief: &SqrtGaussian<D::Space, T, N>,
+        dynamics: &D,
+        u: &Input<D, T, N>,
+        t: T,
+        dt: T,
+    ) -> (Joint<D::Space, T, N>, T::Mask) {
+        let (root, ok) = (belief.factor, T::Mask::TRUE);
+        (joint(&self.weights, (&belief.mean, &root), dynamics, u, t, dt), ok)
+    }
+
+    #[inline(always)]
     fn update<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(
         &self,
         belief: &mut SqrtGaussian<H::Space, T, N>,
@@ -197,7 +210,7 @@ impl Filter for SrUkf {
         let origin = H::Value::map(&centre, T::stack);
 
         let (root, factored) = cholesky(&sensor.noise(given));
-        let mut joint = Joint::<T, N, M> { root, gain: zeros(), rest: zeros() };
+        let mut stacked = Stacked::<T, N, M> { root, gain: zeros(), rest: zeros() };
         let mut sum = [T::Pack::zero(); M];
         for p in 0..packs::<T, N>() {
             let point = H::Space::retract(&x, &points::<T, N>(&belief.factor, spread.sqrt(), p));
@@ -207,25 +220,25 @@ impl Filter for SrUkf {
             }
             // deviations of the state, weighted: √(1/2c) √c = 1/√2
             let d = points::<T, N>(&belief.factor, FRAC_1_SQRT_2, p);
-            joint.absorb(&scaled(&e, weight.sqrt()), &d);
+            stacked.absorb(&scaled(&e, weight.sqrt()), &d);
         }
         let bias = total::<T, M>(&sum, weight);
-        joint.absorb(&column::<T, M>(&bias, self.weights.mean_weight().sqrt()), &[T::Pack::zero(); N]);
+        stacked.absorb(&column::<T, M>(&bias, self.weights.mean_weight().sqrt()), &[T::Pack::zero(); N]);
 
         let mut innovation = sensor.residual(z, &centre);
         for i in 0..M {
             innovation[i] -= bias[i];
         }
-        let whitened = forward_solve(&joint.root, &innovation);
+        let whitened = forward_solve(&stacked.root, &innovation);
         let nis = dot::<T, M>(|i| whitened[i], |i| whitened[i]);
-        let s = mul_t(&joint.root, &joint.root);
+        let s = mul_t(&stacked.root, &stacked.root);
         let covariance = symmetric(|i, j| s[(i, j)]);
-        let step = apply(&joint.gain, &whitened);
+        let step = apply(&stacked.gain, &whitened);
         let new = SqrtGaussian {
             mean: H::Space::normalise(&H::Space::retract(&belief.mean, &step)),
-            factor: H::Space::transport_factor(&belief.mean, &step, &joint.rest),
+            factor: H::Space::transport_factor(&belief.mean, &step, &stacked.rest),
         };
-        let ok = factored.and(positive_pivots(&joint.rest)).and(new.healthy());
+        let ok = factored.and(positive_pivots(&stacked.rest)).and(new.healthy());
         let accepted = ok.and(gate.gt(nis));
         *belief = Belief::select(accepted, &new, belief);
         Outcome { ok, accepted, innovation, covariance, nis }

@@ -1,8 +1,8 @@
 //! Unscented Kalman filter on a manifold.
 
-use super::sigma::{Moments, Unscented, packs, points};
+use super::sigma::{Moments, Unscented, joint, packs, points};
 use super::{Filter, cast};
-use crate::belief::{Belief, Gaussian, Outcome};
+use crate::belief::{Belief, Gaussian, Joint, Outcome};
 use crate::linalg::{Matrix, add, apply, cholesky, dot, from_fn, gain, symmetric, zeros};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
@@ -62,6 +62,19 @@ impl Filter for Ukf {
         let ok = factored.and(new.finite());
         *belief = Belief::select(ok, &new, belief);
         ok
+    }
+
+    #[inline(always)]
+    fn joint<D: Dynamics<N>, T: Real, const N: usize>(
+        &self,
+        belief: &Gaussian<D::Space, T, N>,
+        dynamics: &D,
+        u: &Input<D, T, N>,
+        t: T,
+        dt: T,
+    ) -> (Joint<D::Space, T, N>, T::Mask) {
+        let (root, ok) = cholesky(&belief.cov);
+        (joint(&self.weights, (&belief.mean, &root), dynamics, u, t, dt), ok)
     }
 
     #[inline(always)]

@@ -1,5 +1,11 @@
 //! Replays a log: input samples drive the filter, measurements with their own time stamps correct it.
 
+mod smooth;
+mod window;
+
+pub use smooth::{Recorder, smooth, step_back};
+pub use window::{Epoch, Past, Window};
+
 use crate::belief::{Belief, Outcome};
 use crate::error::{Error, Result};
 use crate::filter::Filter;
@@ -66,12 +72,32 @@ impl<T: Real<Mask = bool>, const M: usize> From<Outcome<T, M>> for Report {
     }
 }
 
+impl Report {
+    /// Determinant of the innovation's covariance.
+    #[inline(always)]
+    fn determinant(&self) -> f64 {
+        let s = &self.covariance;
+        match self.dof {
+            1 => s[0][0],
+            2 => s[0][0] * s[1][1] - s[0][1] * s[1][0],
+            _ => {
+                s[0][0] * (s[1][1] * s[2][2] - s[1][2] * s[2][1]) - s[0][1] * (s[1][0] * s[2][2] - s[1][2] * s[2][0])
+                    + s[0][2] * (s[1][0] * s[2][1] - s[1][1] * s[2][0])
+            }
+        }
+    }
+}
+
 /// Where the results go.
 pub trait Sink<S: Manifold<N>, const N: usize> {
     /// The belief at time `t`, reached within the interval after input sample `k` or at that sample.
     fn state<T: Real, B: Belief<S, T, N>>(&mut self, t: f64, k: usize, belief: &B);
     /// The report on measurement `i`.
     fn measured(&mut self, i: usize, report: &Report);
+    /// The belief at time `t`, all measurements used, before it moves on to `to` within the interval
+    /// after input sample `k`: what a smoother comes back to.
+    #[inline(always)]
+    fn leaving<T: Real, B: Belief<S, T, N>>(&mut self, _t: f64, _to: f64, _k: usize, _belief: &B) {}
 }
 
 /// At which times the belief is written.
@@ -106,6 +132,9 @@ pub struct End<S: Family, const N: usize> {
     pub covariance: Matrix<f64, N, N>,
     /// Measurements before the start or after the last input sample.
     pub outside: usize,
+    /// Logarithm of the probability density of the measurements that were used, each given those before
+    /// it.
+    pub log_likelihood: f64,
 }
 
 /// Events (samples, measurements, rows) between two calls of `poll`.
@@ -131,10 +160,47 @@ struct Cursor<B> {
     t: f64,
     /// Next measurement.
     measurement: usize,
+    /// What an update may go back over.
+    window: Window<B>,
+    evidence: Evidence,
     /// Rows written at a period.
     written: usize,
     /// What has happened since the start.
     events: usize,
+}
+
+/// Log-likelihood of measurements. Determinants are multiplied as long as they can be: a logarithm of
+/// each would cost as much as a part of the update.
+struct Evidence {
+    squares: f64,
+    logs: f64,
+    product: f64,
+    numbers: usize,
+}
+
+impl Default for Evidence {
+    fn default() -> Self {
+        Self { squares: 0.0, logs: 0.0, product: 1.0, numbers: 0 }
+    }
+}
+
+impl Evidence {
+    #[inline(always)]
+    fn add(&mut self, report: &Report) {
+        if !report.accepted {
+            return;
+        }
+        self.squares += report.nis;
+        self.numbers += report.dof;
+        self.product *= report.determinant();
+        if !(1e-150..1e150).contains(&self.product) {
+            self.logs += self.product.ln();
+            self.product = 1.0;
+        }
+    }
+    fn log(&self) -> f64 {
+        -0.5 * (self.squares + self.logs + self.product.ln() + self.numbers as f64 * std::f64::consts::TAU.ln())
+    }
 }
 
 /// What comes next.
@@ -175,7 +241,16 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             return Err(Error::NotPositiveDefinite { what: "initial covariance", step: first, t: start.t });
         }
         let before = (0..self.sensors.len()).take_while(|i| self.sensors.time(*i) < start.t).count();
-        let mut cursor = Cursor { belief, t: start.t, measurement: before, written: 0, events: 0 };
+        let window = Window::new(belief, start.t, first);
+        let mut cursor = Cursor {
+            belief,
+            t: start.t,
+            measurement: before,
+            window,
+            evidence: Evidence::default(),
+            written: 0,
+            events: 0,
+        };
         let every = match self.output {
             Output::Every(n) => n,
             Output::Period(_) => usize::MAX,
@@ -198,6 +273,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             mean: D::Space::map(cursor.belief.mean(), |x: T| x.lane(0)),
             covariance: from_fn(|i, j| cov[(i, j)].lane(0)),
             outside: before + self.sensors.len() - cursor.measurement,
+            log_likelihood: cursor.evidence.log(),
         })
     }
 
@@ -227,6 +303,9 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             let (to, event) = self.next_event::<D::Space, _, N>(cursor, start.t, end);
             let before = (event == Event::PeriodicOutput).then_some(cursor.belief);
             if to > cursor.t {
+                if before.is_none() {
+                    sink.leaving(cursor.t, to, k, &cursor.belief);
+                }
                 let (t, dt) = (T::splat(cursor.t), T::splat(to - cursor.t));
                 if !self.filter.predict(&mut cursor.belief, self.dynamics, &u, t, dt) {
                     return Err(Error::NotPositiveDefinite { what: "predicted covariance", step: k, t: to });
@@ -247,10 +326,12 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             if start.used == Some(i) {
                 continue;
             }
-            let report = self.sensors.update(i, self.filter, &mut cursor.belief);
+            let past = Past { dynamics: self.dynamics, drive: self.drive, sensors: self.sensors };
+            let report = self.filter.correct(&past, &mut cursor.window, &mut cursor.belief, (to, k, i));
             if !report.ok {
                 return Err(Error::NotPositiveDefinite { what: "covariance in the update", step: i, t: to });
             }
+            cursor.evidence.add(&report);
             sink.measured(i, &report);
         }
     }

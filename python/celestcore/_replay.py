@@ -1,0 +1,191 @@
+"""What a navigator's runs over logs have in common: a log for the core, and its answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from celestcore._arguments import (
+    Sigma0,
+    checked,
+    count,
+    covariance_of,
+    one_quaternion,
+    sigma_of,
+    three,
+)
+from celestcore._check import number, warn
+from celestcore.errors import InputError
+from celestcore.log import SensorLog
+from celestcore.solution import Solution
+
+if TYPE_CHECKING:
+    from celestcore.navigator import StarGyroNavigator
+    from celestcore.quaternion import QuaternionLike
+
+FloatArray: TypeAlias = NDArray[np.float64]
+BIAS_SIGMA = 1e-3
+"""1-sigma gyro bias [rad/s] that a start assumes if none is given (200 deg/h)."""
+REJECTED = 0.5
+"""Share of measurements outside the gate beyond which a run warns."""
+START: dict[str, Any] = {
+    "t0": None,
+    "q0": None,
+    "bias0": (0.0, 0.0, 0.0),
+    "sigma0": None,
+    "covariance0": None,
+}
+OUTPUT: dict[str, Any] = {
+    "every": 1,
+    "period": None,
+    "covariance": False,
+    "progress": None,
+    "portable": False,
+}
+"""Options of a run and what they are if they are not given."""
+
+
+def prepare(
+    nav: StarGyroNavigator, log: SensorLog, given: Mapping[str, Any]
+) -> tuple[dict[str, Any], list[str]]:
+    """Return a log with its start and its options for the core, and the sensors' names.
+
+    Raises
+    ------
+    InputError
+        Names the option, or the table, and the value.
+    """
+    gyro = checked(log, "log", SensorLog).gyro
+    if gyro is None:
+        raise InputError("the log has no gyro table; it has " + ", ".join(log.tables))
+    known = {**START, **OUTPUT}
+    for name in given:
+        if name not in known:
+            raise InputError(f"is not an option; known are {', '.join(known)}", field=name)
+    o = {**known, **given}
+    if o["progress"] is not None and not callable(o["progress"]):
+        raise InputError("must be callable as progress(done, total)", field="progress")
+    if o["period"] is not None and o["every"] != 1:
+        raise InputError("goes without every: give one of them", field="period", value=o["period"])
+    names, sensors = _sensors(nav, log)
+    sigma0 = o["sigma0"]
+    call = {
+        "gyro_t": gyro.t,
+        "gyro_rate": nav.gyro.to_body(gyro.rate),
+        "sensors": sensors,
+        "setup": nav._setup(nav._max_gap(gyro.t)),
+        "start": _start(gyro.t, o["t0"], o["q0"], sigma0, o["covariance0"]),
+        "bias0": three(o["bias0"], "bias0"),
+        "bias_sigma": [BIAS_SIGMA] * 3 if sigma0 is None else sigma_of(sigma0)[3:].tolist(),
+        "every": count(o["every"], "every"),
+        "period": None if o["period"] is None else number(o["period"], "period", above=0.0),
+        "covariance": bool(o["covariance"]),
+        "portable": bool(o["portable"]),
+        "progress": o["progress"],
+    }
+    return call, names
+
+
+def _sensors(nav: StarGyroNavigator, log: SensorLog) -> tuple[list[str], list[tuple[Any, ...]]]:
+    """Return the sensors' names, and their columns in the body frame for the core."""
+    names: list[str] = []
+    sensors: list[tuple[Any, ...]] = []
+    for name, star in log.stars.items():
+        q, noise = nav._camera(name).to_body(star.q, star.sigma, star.covariance)
+        names.append(name)
+        sensors.append(("star", star.t, q, noise))
+    for name, table in log.vectors.items():
+        sensor = nav._direction(name)
+        sigma = table.sigma
+        if sigma is None:
+            if sensor is None:
+                raise InputError(
+                    "has no noise; give StarGyroNavigator(vector=VectorSensor(sigma=...))",
+                    field=f"vector_{name}.sigma",
+                )
+            sigma = np.full(len(table), sensor.sigma)
+        body = table.body if sensor is None else sensor.to_body(table.body)
+        names.append(f"vector_{name}")
+        sensors.append(("vector", table.t, body, table.inertial, sigma))
+    return names, sensors
+
+
+def _start(
+    t: FloatArray,
+    t0: float | None,
+    q0: QuaternionLike | None,
+    sigma0: Sigma0 | None,
+    covariance0: ArrayLike | None,
+) -> tuple[float, tuple[float, ...], FloatArray] | None:
+    if q0 is None:
+        if t0 is not None:
+            raise InputError("goes with q0, the attitude then", field="t0", value=t0)
+        if covariance0 is not None:
+            raise InputError("goes with q0, the attitude then", field="covariance0")
+        return None
+    if len(t) == 0:
+        raise InputError("has no samples", field="gyro")
+    begin = float(t[0]) if t0 is None else number(t0, "t0")
+    if not t[0] <= begin <= t[-1]:
+        raise InputError(
+            f"must lie within the gyro's time span, {t[0]:.10g} to {t[-1]:.10g} s",
+            field="t0",
+            value=begin,
+        )
+    return begin, one_quaternion(q0, "q0"), covariance_of(sigma0, covariance0)
+
+
+def finish(
+    nav: StarGyroNavigator, log: SensorLog, names: list[str], out: dict[str, Any], **more: Any
+) -> Solution:
+    """Return the core's answer as a solution."""
+    gyro = log.gyro
+    assert gyro is not None
+    steps = np.diff(gyro.t)
+    max_gap = nav._max_gap(gyro.t)
+    first = np.flatnonzero(steps > max_gap)
+    accepted = out["accepted"]
+    used = int(np.count_nonzero(accepted))
+    if len(accepted) - used > max(10, REJECTED * len(accepted)):
+        warn(
+            f"{len(accepted) - used} of {len(accepted)} measurements were outside the gate: "
+            "the start, the noise or the frames are probably wrong"
+        )
+    start_fix = out["start_fix"] is not None
+    p_final = out["final_covariance"]
+    fixes = sum(len(table) for table in (*log.stars.values(), *log.vectors.values()))
+    return Solution(
+        **{name: out[name] for name in ("t", "q", "rate", "bias", "sigma", "measurement_t")},
+        **{name: out[name] for name in ("sensor", "nis", "dof", "accepted", "innovation")},
+        innovation_sigma=out["innovation_sigma"],
+        covariance=out["covariance"] if len(out["covariance"]) else None,
+        gaps=np.stack([gyro.t[first], gyro.t[first + 1]], axis=1),
+        counts={
+            "samples": len(gyro),
+            "fixes": fixes,
+            "accepted": used,
+            "rejected": len(accepted) - used,
+            "start": int(start_fix),
+            "missing": log.missing,
+            "outside": int(out["outside"]),
+            "gaps": len(first),
+        },
+        sensor_names=names,
+        epoch=log.epoch,
+        title=log.title,
+        filter=nav.filter.kind,
+        elapsed_s=out["elapsed_s"],
+        final={
+            "t": out["final_t"],
+            "q": out["final_q"],
+            "bias": out["final_bias"],
+            "sigma": np.sqrt(np.diag(p_final)),
+            "covariance": p_final,
+        },
+        frames=log.frames,
+        log_likelihood=float(out["log_likelihood"]),
+        **more,
+    )
