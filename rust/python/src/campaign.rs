@@ -32,7 +32,7 @@ struct Described<'py> {
 impl Described<'_> {
     fn estimator(&self, py: Python<'_>) -> PyResult<Estimator> {
         let begin = match &self.covariance0 {
-            Some(p) => Begin::Drawn(matrix6(p, "initial covariance")?),
+            Some(p) => Begin::Drawn(Box::new(matrix6(p, "initial covariance")?)),
             None => Begin::FirstFix(self.bias_sigma),
         };
         Ok(Estimator {

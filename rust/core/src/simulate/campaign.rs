@@ -28,12 +28,12 @@ pub struct KnownCamera {
 }
 
 /// What an estimator starts from.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub enum Begin {
     /// See [`first_fix`]; the bias starts at zero with this standard deviation, rad/s.
     FirstFix([f64; 3]),
     /// Truth with an error drawn from this covariance, at the first time.
-    Drawn(Matrix<f64, 6, 6>),
+    Drawn(Box<Matrix<f64, 6, 6>>),
 }
 
 /// A filter or smoother, and what it knows of the sensors.
@@ -237,10 +237,10 @@ impl<'a> Worker<'a> {
             .collect();
         let sensors = AttitudeSensors::new(&series, e.gate)?;
         let gyro = GyroSeries { t: truth.t, rate, timing: e.timing };
-        let start = match e.begin {
-            Begin::FirstFix(bias_sigma) => first_fix(&gyro, &sensors, &e.model, [0.0; 3], bias_sigma)?,
+        let start = match &e.begin {
+            Begin::FirstFix(bias_sigma) => first_fix(&gyro, &sensors, &e.model, [0.0; 3], *bias_sigma)?,
             Begin::Drawn(covariance) => {
-                drawn(campaign, trial, &covariance, &Attitude { q: truth.q[0], bias: self.readings.bias[0] })
+                drawn(campaign, trial, covariance, &Attitude { q: truth.q[0], bias: self.readings.bias[0] })
             }
         };
         let needed = rows(&gyro, &sensors, &start, Output::Every(1))?;
