@@ -18,7 +18,7 @@ from celestcore.errors import InputError
 from celestcore.reproduce import _blocks, _model, _paper, star_gyro
 from celestcore.reproduce._page import page
 from celestcore.reproduce._pool import in_parallel
-from celestcore.reproduce._targets import Target, tolerance
+from celestcore.reproduce._targets import Target, at_most, by_chance, tolerance
 from celestcore.reproduce._theory import theory
 from celestcore.units import ARCSEC
 
@@ -112,6 +112,8 @@ def test_gains_and_wins_of_the_paper() -> None:
     known = [[9.9, 12.2, 13.1], [10.7, 15.8, 17.8], [12.0, 16.7, 18.4]]
     np.testing.assert_allclose(gains, known, atol=0.051)
     assert np.sum(_paper.EKF <= _paper.UKF) == 13
+    won = _paper.gains(_paper.UKF, _paper.EKF, wins_only=True)
+    np.testing.assert_allclose(won, _paper.GAINS, atol=1.25)
 
 
 def test_readings_of_the_paper() -> None:
@@ -215,6 +217,25 @@ def test_few_runs_are_not_judged(result: star_gyro.Result) -> None:
     assert all("equal" in t.asked for t in judged)
     assert "not judged" in page(few, drawn=NO_PICTURES)
     np.testing.assert_allclose(tolerance(few, "mekf").max(), 3 * few.theory.scatter_filter.max())
+
+
+def test_chance_leaves_out_one_figure_now_and_then(result: star_gyro.Result) -> None:
+    """Against counts of normal deviates; one figure outside is no miss, two are."""
+    rng = np.random.default_rng(4)
+    limit = tolerance(result, "mekf") / (result.theory.scatter_filter.reshape(3, 12, 3) / 4.0)
+    drawn = np.abs(rng.standard_normal((20000, 3, 12, 3))) > limit
+    counts = drawn.sum(axis=(1, 2, 3))
+    assert by_chance(result, "mekf") == pytest.approx(counts.mean(), rel=0.1)
+    assert np.mean(counts > at_most(by_chance(result, "mekf"))) < 0.02
+    assert [at_most(mean) for mean in (0.0, 0.1, 0.2, 1.0)] == [0, 1, 1, 3]
+    for outside, met in ((1, True), (2, False)):
+        figures = result.scores["mekf"].after.copy()
+        figures[-outside:, :, 0] *= 1.2
+        changed = dataclasses.replace(result.scores["mekf"], after=figures)
+        made = dataclasses.replace(result, scores={**result.scores, "mekf": changed})
+        (target,) = (t for t in made.targets() if t.asked.startswith("MEKF: each"))
+        assert target.met is met
+        assert target.found.startswith(f"{108 - outside} of 108")
 
 
 def test_standard_error_of_pooled_figures() -> None:

@@ -37,13 +37,11 @@ def filters() -> dict[str, Any]:
     """
     return {
         "MEKF": cc.EKF(),
+        "MEKF without reset": cc.EKF(reset=False),
         "USQUE": cc.UKF(kappa=1.0, beta=0.0),
         "UKF": cc.UKF(),
-        **{
-            name: getattr(cc, kind)()
-            for name, kind in (("invariant EKF", "InvariantEKF"), ("iterated MEKF", "IteratedEKF"))
-            if hasattr(cc, kind)
-        },
+        "invariant EKF": cc.InvariantEKF(),
+        "iterated MEKF": cc.IteratedEKF(),
     }
 
 

@@ -155,6 +155,9 @@ class Result:
         return {
             "printed": [list(row) for row in _paper.GAINS],
             "from_paper_tables": _paper.gains(PAPER_UKF, PAPER_EKF).tolist(),
+            "from_paper_tables_where_ukf_wins": _paper.gains(
+                PAPER_UKF, PAPER_EKF, wins_only=True
+            ).tolist(),
             "from_r1_r2": _paper.gains(self.figures("r1"), self.figures("r2")).tolist(),
             "same_tuning": _paper.gains(self.figures("ukf"), self.figures("mekf")).tolist(),
             "paper_ekf_better": int(np.sum(wins)),
