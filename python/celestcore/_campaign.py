@@ -13,9 +13,10 @@ import numpy as np
 from celestcore import _core
 from celestcore._arguments import Sigma0, count, each_checked, sigma_of
 from celestcore._check import FloatArray, warn
+from celestcore._replay import BIAS_SIGMA
 from celestcore._scores import Scores
 from celestcore.errors import InputError
-from celestcore.navigator import BIAS_SIGMA, StarGyroNavigator
+from celestcore.navigator import StarGyroNavigator
 from celestcore.simulate import Scenario
 
 Navigators: TypeAlias = "StarGyroNavigator | Mapping[str, StarGyroNavigator]"
@@ -184,6 +185,7 @@ def described(
             field="gyro.sampling",
             value=nav.gyro.sampling,
         )
+    turn = nav.gyro._turn()
     cameras = []
     for name in scenario.cameras:
         camera = nav._camera(name)
@@ -191,7 +193,7 @@ def described(
         cameras.append((camera.mounting, noise[0].tolist()))
     return {
         "setup": nav._setup(nav._max_gap(scenario.truth.t)),
-        "gyro_mounting": nav.gyro.mounting,
+        "gyro_turn": None if turn is None else turn.tolist(),
         "cameras": cameras,
         "smooth": smooth,
         **start,

@@ -1,6 +1,6 @@
 """The compiled core. Arrays are C-contiguous float64; use the package's modules instead."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, final
 
 import numpy as np

@@ -57,11 +57,14 @@ def small(trials: int = 7, **more: Any) -> MonteCarlo:
 # --- against single runs ------------------------------------------------------------------------
 
 
-def expected(made: simulate.Simulation, sol: cc.Solution, skip: float) -> dict[str, Any]:
+def expected(
+    made: simulate.Simulation, sol: cc.Solution, skip: float, until: float = np.inf
+) -> dict[str, Any]:
     """The scores of one run, by way of the log and the solution."""
     error = made.error(sol)
     fixed = np.isin(sol.t, np.concatenate([star.t for star in made.log.stars.values()]))
-    late, measured = sol.t >= skip, sol.measurement_t >= skip
+    late = (sol.t >= skip) & (sol.t <= until)
+    measured = (sol.measurement_t >= skip) & (sol.measurement_t <= until)
     assert sol.covariance is not None
     at = late & fixed
 
@@ -99,6 +102,55 @@ def test_a_trial_is_a_run_of_its_log(kind: Any, scenario: Any, gate: float | Non
             np.testing.assert_allclose(getattr(found, name)[row], value, rtol=1e-8, err_msg=name)
         assert found.trial[row] == trial
     assert (found.accepted < 1.0).all() == (gate is not None)
+
+
+@pytest.mark.parametrize("scenario", [SCENARIO, MOUNTED], ids=["plain", "mounted"])
+def test_a_smoothed_trial_is_a_smoothed_log(scenario: Any) -> None:
+    navs = {"a": scenario.navigator(cc.EKF()), "b": scenario.navigator(cc.UKF())}
+    found = cc.monte_carlo(scenario, navs, 2, 9, skip=15.0, smooth=["b"])
+    assert list(found) == ["a", "b", "b_smoothed"]
+    for trial in range(2):
+        made = scenario.simulate(9, trial)
+        sol = navs["b"].smooth(made.log, covariance=True)
+        until = float(scenario.truth.t[-1]) - 15.0
+        for name, value in expected(made, sol, 15.0, until).items():
+            row = getattr(found["b_smoothed"], name)[trial]
+            np.testing.assert_allclose(row, value, rtol=1e-8, err_msg=name)
+    assert (found["b_smoothed"].rms < 0.9 * found["b"].rms).all()
+    everything = cc.monte_carlo(scenario, navs, 1, 9, skip=15.0, smooth=True)
+    assert list(everything) == ["a", "b", "a_smoothed", "b_smoothed"]
+
+
+@pytest.mark.parametrize(
+    "kind", [cc.IteratedEKF(), cc.InvariantEKF(), cc.LiteralUKF()], ids=lambda f: f.kind
+)
+def test_every_filter_runs(kind: Any) -> None:
+    nav = SCENARIO.navigator(kind)
+    found = cc.monte_carlo(SCENARIO, nav, 1, 9, skip=20.0)[kind.kind]
+    made = SCENARIO.simulate(9)
+    for name, value in expected(made, nav.run(made.log, covariance=True), 20.0).items():
+        np.testing.assert_allclose(getattr(found, name)[0], value, rtol=1e-8, err_msg=name)
+
+
+def test_a_gyro_whose_errors_are_known() -> None:
+    m = np.array([[1e-2, 2e-2, -1e-2], [3e-2, -2e-2, 1e-2], [-1e-2, 2e-2, 3e-2]])
+    scenario = simulate.Scenario(
+        SCENARIO.truth, simulate.GyroErrors(2e-5, bias_sigma=1e-4, misalignment=m), STAR
+    )
+    star = scenario.navigator().star
+    navs = {
+        "known": cc.StarGyroNavigator(cc.EKF(), cc.Gyro(2e-5, 1e-9, errors=m), star),
+        "unknown": cc.StarGyroNavigator(cc.EKF(), cc.Gyro(2e-5, 1e-9), star),
+    }
+    found = cc.monte_carlo(scenario, navs, 20, 1, skip=10.0).pooled()
+    assert abs(found["known"].nees / 6.0 - 1.0) < 5.0 * found["known"].error["nees"] / 6.0
+    assert found["unknown"].nees > 20.0
+    # what is seen of a bias is behind the correction
+    calm = simulate.GyroErrors(1e-7, bias=[1.0, 2.0, 3.0], misalignment=m)
+    quiet = simulate.Scenario(simulate.constant_rate([0, 0, 0], 60.0), calm, STAR)
+    nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-7, errors=m), star)
+    one = cc.monte_carlo(quiet, nav, 1, 1, sigma0=(1.0, 1e3))["ekf"]
+    assert np.abs(one.final_error[0, 3:]).max() < 1e-4
 
 
 def test_the_error_before_a_fix() -> None:

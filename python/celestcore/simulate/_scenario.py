@@ -12,9 +12,8 @@ from celestcore import _core, quaternion
 from celestcore._arguments import checked, each_checked
 from celestcore._check import FloatArray, number
 from celestcore.errors import InputError
-from celestcore.filters import EKF, UKF
 from celestcore.log import SensorLog
-from celestcore.navigator import StarGyroNavigator
+from celestcore.navigator import AttitudeFilter, StarGyroNavigator
 from celestcore.sensors import Gyro
 from celestcore.simulate._sensors import GyroErrors, StarErrors
 from celestcore.simulate._truth import Truth
@@ -165,7 +164,7 @@ class Scenario:
         bias.flags.writeable = False
         return Simulation(log=log, truth=self.truth, bias=bias, seed=seed, trial=trial)
 
-    def navigator(self, filter: EKF | UKF | None = None) -> StarGyroNavigator:  # noqa: A002
+    def navigator(self, filter: AttitudeFilter | None = None) -> StarGyroNavigator:  # noqa: A002
         """Return a navigator that knows the noise and the mountings as they are simulated.
 
         Where the axes of the gyro differ, it gets the noise of the worst. A drift, scale factors,
@@ -173,7 +172,7 @@ class Scenario:
 
         Parameters
         ----------
-        filter : EKF, UKF or SRUKF, optional
+        filter : EKF, UKF, SRUKF or other, optional
             The filter; by default an EKF.
 
         Returns

@@ -6,7 +6,7 @@ use celestcore_core::Error;
 use celestcore_core::attitude::{AnyFilter, GyroModel, GyroTiming, Sampling};
 use celestcore_core::filter::{Ekf, Ukf, Unscented};
 use celestcore_core::linalg::{from_fn, identity};
-use celestcore_core::quaternion::{Integrator, difference, exp, multiply};
+use celestcore_core::quaternion::{Integrator, difference, exp, multiply, to_matrix};
 use celestcore_core::scalar::Level;
 use celestcore_core::simulate::{
     Begin, Campaign, Estimator, GyroErrors, KnownCamera, Readings, Scenario, Scored, StarNoise, Stream, Truth,
@@ -61,7 +61,7 @@ fn estimator(filter: AnyFilter) -> Estimator {
         model: GyroModel::new(2e-5, 1e-7, Integrator::Exponential).unwrap(),
         timing: GyroTiming { sampling: Sampling::Hold, max_gap: 1.0, gap_rate_sigma: 1e-3 },
         gate: 1.0,
-        gyro_mounting: None,
+        gyro_turn: None,
         cameras: vec![KnownCamera { mounting: None, noise: [s2, 0.0, 0.0, s2, 0.0, s2] }],
         begin: Begin::FirstFix([1e-3; 3]),
         smooth: false,
@@ -72,7 +72,7 @@ fn campaign(f: &Flown, trials: std::ops::Range<u64>) -> Campaign<'_> {
     let ukf = Ukf { weights: Unscented::new(1.0, 2.0, None).unwrap() };
     Campaign {
         scenario: scenario(f, errors()),
-        estimators: vec![estimator(AnyFilter::Ekf(Ekf)), estimator(AnyFilter::Ukf(ukf))],
+        estimators: vec![estimator(AnyFilter::Ekf(Ekf::default())), estimator(AnyFilter::Ukf(ukf))],
         seed: 7,
         trials,
         skip: 5.0,
@@ -219,7 +219,7 @@ fn mountings_on_both_sides_cancel() {
     mounted.scenario.gyro.mounting = Some(gyro);
     mounted.scenario.cameras[0].mounting = Some(star);
     for e in &mut mounted.estimators {
-        e.gyro_mounting = Some(gyro);
+        e.gyro_turn = Some(to_matrix(&gyro));
         e.cameras[0].mounting = Some(star);
     }
     let found = monte_carlo(&mounted, 1, &mut |_| Ok(())).unwrap();

@@ -3,7 +3,7 @@
 use crate::convert::{Array, matrix6, table};
 use crate::errors::raise;
 use crate::replay::Setup;
-use crate::simulate::{Flight, check_trials};
+use crate::simulate::{Flight, check_trials, matrix};
 use celestcore_core::Error;
 use celestcore_core::scalar::Level;
 use celestcore_core::simulate::{Begin, Campaign, Estimator, KnownCamera, Score, Scored, monte_carlo as run};
@@ -18,7 +18,7 @@ struct Described<'py> {
     #[pyo3(item)]
     setup: Setup,
     #[pyo3(item)]
-    gyro_mounting: Option<[f64; 4]>,
+    gyro_turn: Option<[[f64; 3]; 3]>,
     #[pyo3(item)]
     cameras: Vec<(Option<[f64; 4]>, [f64; 6])>,
     #[pyo3(item)]
@@ -40,7 +40,7 @@ impl Described<'_> {
             model: self.setup.model(py)?,
             timing: self.setup.timing(py)?,
             gate: self.setup.gate,
-            gyro_mounting: self.gyro_mounting,
+            gyro_turn: self.gyro_turn.as_ref().map(matrix),
             cameras: self
                 .cameras
                 .iter()
@@ -82,11 +82,14 @@ fn monte_carlo<'py>(
     (0..campaign.estimators.len()).map(|e| columns(py, done.iter().map(|trial| &trial[e]))).collect()
 }
 
+/// A part of a score by name.
+type Named<T> = (&'static str, fn(&Score) -> T);
+
 /// One estimator's scores as arrays with the trial first; not a number where the filter broke down.
 fn columns<'py, 'a>(py: Python<'py>, scored: impl Iterator<Item = &'a Scored>) -> PyResult<Bound<'py, PyDict>> {
     let scored: Vec<&Scored> = scored.collect();
     let out = PyDict::new(py);
-    let vectors: [(&str, fn(&Score) -> [f64; 3]); 4] = [
+    let vectors: [Named<[f64; 3]>; 4] = [
         ("rms", |s| s.rms),
         ("rms_all", |s| s.rms_all),
         ("rms_before", |s| s.rms_before),
@@ -96,7 +99,7 @@ fn columns<'py, 'a>(py: Python<'py>, scored: impl Iterator<Item = &'a Scored>) -
         let rows = scored.iter().map(|s| s.as_ref().map_or([f64::NAN; 3], get)).collect();
         out.set_item(name, table(py, rows)?)?;
     }
-    let numbers: [(&str, fn(&Score) -> f64); 5] = [
+    let numbers: [Named<f64>; 5] = [
         ("nees_attitude", |s| s.nees_attitude),
         ("nees", |s| s.nees),
         ("nis", |s| s.nis),

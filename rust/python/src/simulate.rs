@@ -48,7 +48,7 @@ pub(crate) struct Flight<'py> {
     cameras: Vec<Camera<'py>>,
 }
 
-fn matrix(m: &[[f64; 3]; 3]) -> Matrix<f64, 3, 3> {
+pub(crate) fn matrix(m: &[[f64; 3]; 3]) -> Matrix<f64, 3, 3> {
     from_fn(|i, j| m[i][j])
 }
 
@@ -96,14 +96,12 @@ pub(crate) fn check_trials(py: Python<'_>, first: u64, count: u64) -> PyResult<(
     Err(input(py, &format!("trials {first} to {first} + {count}: there are 2**56, counted from 0")))
 }
 
+/// Rates, biases, and the fixes of each camera.
+type Made<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<Bound<'py, PyAny>>);
+
 /// Readings of one trial: rates, biases and the fixes of each camera.
 #[pyfunction]
-fn simulate<'py>(
-    py: Python<'py>,
-    flight: Flight<'py>,
-    seed: u64,
-    trial: u64,
-) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<Bound<'py, PyAny>>)> {
+fn simulate<'py>(py: Python<'py>, flight: Flight<'py>, seed: u64, trial: u64) -> PyResult<Made<'py>> {
     check_trials(py, trial, 1)?;
     let scenario = flight.scenario()?;
     let mut out = Readings::default();

@@ -2,10 +2,10 @@
 
 use super::rng::{Stream, channel};
 use super::score::{Flown, Score};
-use super::{Readings, Scenario};
+use super::{GyroErrors, Readings, Scenario};
 use crate::attitude::{
     AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, Buffers, GyroModel, GyroSeries, GyroTiming,
-    Log, Options, Rows, StarSeries, first_fix, rows, run,
+    Log, Options, Rows, StarSeries, first_fix, rows, run, smooth,
 };
 use crate::error::{Error, Result};
 use crate::linalg::{Matrix, apply, cholesky_semidefinite};
@@ -47,8 +47,8 @@ pub struct Estimator {
     pub timing: GyroTiming,
     /// Probability with which a good measurement passes the gate.
     pub gate: f64,
-    /// Gyro frame to body.
-    pub gyro_mounting: Option<Quaternion<f64>>,
+    /// From measured rates to rates of the body: mounting, and scale factors and misalignments taken out.
+    pub gyro_turn: Option<Matrix<f64, 3, 3>>,
     /// One for each camera of the scenario.
     pub cameras: Vec<KnownCamera>,
     /// The start.
@@ -193,6 +193,8 @@ struct Worker<'a> {
     /// Rates and fixes in the body frame, where a mounting makes them differ from the readings.
     rate: Vec<[f64; 3]>,
     fixes: Vec<Vec<Quaternion<f64>>>,
+    /// Biases as an estimator sees them.
+    bias: Vec<[f64; 3]>,
     buffers: Buffers,
     rows: Rows,
 }
@@ -205,6 +207,7 @@ impl<'a> Worker<'a> {
             stop,
             readings: Readings::default(),
             rate: Vec::new(),
+            bias: Vec::new(),
             fixes: vec![Vec::new(); shared.campaign.scenario.cameras.len()],
             buffers: Buffers::new(rows, true),
             rows,
@@ -229,7 +232,8 @@ impl<'a> Worker<'a> {
         let (campaign, noise) = (self.shared.campaign, &self.shared.noise[number]);
         let (truth, cameras) = (&campaign.scenario.truth, &campaign.scenario.cameras);
         let e = &campaign.estimators[number];
-        let rate = in_body(e.gyro_mounting, &self.readings.rate, &mut self.rate);
+        let rate = turned(e.gyro_turn.as_ref(), &self.readings.rate, &mut self.rate);
+        let bias = bias_of(e.gyro_turn.as_ref(), &campaign.scenario.gyro, &self.readings.bias, &mut self.bias);
         let kept = self.readings.fixes.iter().zip(&mut self.fixes).zip(&e.cameras);
         let fixes: Vec<&[Quaternion<f64>]> = kept.map(|((q, own), c)| of_body(c.mounting, q, own)).collect();
         let series: Vec<AttitudeSensor<'_>> = (fixes.iter().zip(cameras).zip(noise))
@@ -239,9 +243,7 @@ impl<'a> Worker<'a> {
         let gyro = GyroSeries { t: truth.t, rate, timing: e.timing };
         let start = match &e.begin {
             Begin::FirstFix(bias_sigma) => first_fix(&gyro, &sensors, &e.model, [0.0; 3], *bias_sigma)?,
-            Begin::Drawn(covariance) => {
-                drawn(campaign, trial, covariance, &Attitude { q: truth.q[0], bias: self.readings.bias[0] })
-            }
+            Begin::Drawn(covariance) => drawn(campaign, trial, covariance, &Attitude { q: truth.q[0], bias: bias[0] }),
         };
         let needed = rows(&gyro, &sensors, &start, Output::Every(1))?;
         if needed != self.rows {
@@ -253,7 +255,6 @@ impl<'a> Worker<'a> {
         let seconds = began.elapsed().as_secs_f64();
         let last = if e.smooth { truth.t[truth.t.len() - 1] - campaign.skip } else { f64::INFINITY };
         let window = [truth.t[0] + campaign.skip, last];
-        let bias = &self.readings.bias;
         Flown { truth, bias, fixed: &self.shared.fixed, cameras, fixes, window }.score(&self.buffers, &end, seconds)
     }
 }
@@ -271,9 +272,10 @@ fn run_or_smooth(
     let (columns, measured) = buffers.columns();
     let mut poll = |_| if stop.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) };
     if e.smooth {
-        return Err(Error::Parameter { field: "smooth", value: 1.0, need: "is not available: there is no smoother" });
+        smooth(&e.filter, log, start, &options, columns, measured, &mut poll)
+    } else {
+        run(&e.filter, log, start, &options, columns, measured, &mut poll)
     }
-    run(&e.filter, log, start, &options, columns, measured, &mut poll)
 }
 
 /// Truth with an error drawn from the covariance; truth = start ⊞ error.
@@ -289,11 +291,30 @@ fn drawn(
     Start { t: campaign.scenario.truth.t[0], mean, covariance: *covariance, used: None }
 }
 
-/// Rates of the gyro frame in the body frame.
-fn in_body<'a>(q: Option<Quaternion<f64>>, rate: &'a [[f64; 3]], own: &'a mut Vec<[f64; 3]>) -> &'a [[f64; 3]] {
-    let Some(q) = q else { return rate };
+/// Rates of the gyro frame as rates of the body.
+fn turned<'a>(turn: Option<&Matrix<f64, 3, 3>>, rate: &'a [[f64; 3]], own: &'a mut Vec<[f64; 3]>) -> &'a [[f64; 3]] {
+    let Some(turn) = turn else { return rate };
     own.clear();
-    own.extend(rate.iter().map(|w| rotate(&q, w)));
+    own.extend(rate.iter().map(|w| apply(turn, w)));
+    own
+}
+
+/// True biases of the gyro as an estimator sees them, behind what it does to the readings.
+fn bias_of<'a>(
+    turn: Option<&Matrix<f64, 3, 3>>,
+    gyro: &GyroErrors,
+    bias: &'a [[f64; 3]],
+    own: &'a mut Vec<[f64; 3]>,
+) -> &'a [[f64; 3]] {
+    if turn.is_none() && gyro.mounting.is_none() {
+        return bias;
+    }
+    let back = gyro.mounting.map(|m| conjugate(&m));
+    own.clear();
+    own.extend(bias.iter().map(|b| {
+        let read = back.map_or(*b, |q| rotate(&q, b));
+        turn.map_or(read, |turn| apply(turn, &read))
+    }));
     own
 }
 
