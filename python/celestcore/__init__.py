@@ -23,9 +23,10 @@ Examples
 True
 """
 
-from celestcore import analysis, quaternion, simulate
+from celestcore import analysis, quaternion, simulate, wahba
 from celestcore._core import __version__
 from celestcore.calibration import Calibration
+from celestcore.camera import CameraModel, StarCatalogue
 from celestcore.config import Settings
 from celestcore.errors import (
     CelestcoreError,
@@ -50,6 +51,7 @@ __all__ = [
     "SRUKF",
     "UKF",
     "Calibration",
+    "CameraModel",
     "CelestcoreError",
     "CelestcoreWarning",
     "Gyro",
@@ -65,6 +67,7 @@ __all__ = [
     "Settings",
     "Solution",
     "StarCamera",
+    "StarCatalogue",
     "StarGyroNavigator",
     "StarGyroState",
     "StateAt",
@@ -78,5 +81,6 @@ __all__ = [
     "sample_names",
     "sample_path",
     "simulate",
+    "wahba",
     "write_log",
 ]

@@ -12,6 +12,8 @@ __all__ = [
     "Update",
     "__version__",
     "calibrate",
+    "camera_isotropic",
+    "camera_observe",
     "chi2_cdf",
     "chi2_quantile",
     "monte_carlo",
@@ -32,11 +34,18 @@ __all__ = [
     "release_build",
     "replay",
     "simulate",
+    "wahba_solve",
 ]
 
 _Array = NDArray[np.float64]
 _Snapshot = tuple[
-    float, Sequence[float], Sequence[float], _Array, tuple[float, Sequence[float]] | None, int
+    float,
+    Sequence[float],
+    Sequence[float],
+    _Array,
+    tuple[float, Sequence[float]] | None,
+    int,
+    _Array,
 ]
 
 __version__: str
@@ -58,6 +67,24 @@ def quat_angle_between(a: _Array, b: _Array) -> _Array: ...
 def quat_slerp(a: _Array, b: _Array, s: _Array) -> _Array: ...
 def quat_continuous(q: _Array, length: int) -> _Array: ...
 def quat_propagate(q0: _Array, rates: _Array, dt: _Array, method: str) -> _Array: ...
+def camera_isotropic(n: int, seed: int) -> _Array: ...
+def camera_observe(
+    q: _Array,
+    directions: _Array,
+    magnitudes: _Array,
+    camera: tuple[float, float, float, int],
+    shape: str,
+    random: tuple[int, int],
+    name: str,
+) -> dict[str, Any]: ...
+def wahba_solve(
+    body: _Array,
+    inertial: _Array,
+    sigma: _Array | None,
+    weights: _Array | None,
+    frames: int,
+    name: str,
+) -> dict[str, Any]: ...
 def replay(log: Mapping[str, Any], smoothed: bool) -> dict[str, Any]: ...
 def calibrate(
     log: Mapping[str, Any], aligned: int | None, prior: Sequence[float]
@@ -100,6 +127,7 @@ class AttitudeStream:
         q: Sequence[float],
         bias: Sequence[float],
         covariance: _Array,
+        lag: float | None,
     ) -> Self: ...
     @property
     def t(self) -> float: ...
@@ -118,5 +146,6 @@ class AttitudeStream:
         inertial: Sequence[float],
         sigma: float,
     ) -> Update: ...
+    def _smoothed(self) -> tuple[_Array, _Array, _Array, _Array]: ...
     def _snapshot(self) -> _Snapshot: ...
     def _restore(self, parts: Any) -> None: ...

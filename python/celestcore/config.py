@@ -73,8 +73,8 @@ class Settings:
     --------
     >>> settings = Settings.from_dict({"gyro": {"arw": 1e-6}, "star": {"sigma_arcsec": 5}})
     >>> settings.merged({"gyro": {"rrw": 3e-9}}).gyro()
-    Gyro(arw=1e-06, rrw=3e-09, sampling='hold', mounting=None, frame='body', max_gap=None, \
-gap_rate_sigma=0.001)
+    Gyro(arw=1e-06, rrw=3e-09, sampling='hold', mounting=None, errors=None, frame='body', \
+max_gap=None, gap_rate_sigma=0.001)
     """
 
     tables: dict[str, dict[str, Any]] = field(default_factory=dict)

@@ -294,6 +294,7 @@ class StarGyroNavigator:
         bias: ArrayLike = (0.0, 0.0, 0.0),
         sigma0: Sigma0 | None = None,
         covariance0: ArrayLike | None = None,
+        lag: float | None = None,
     ) -> StarGyroState:
         """Start a filter that is fed sample by sample.
 
@@ -310,6 +311,8 @@ class StarGyroNavigator:
             1e-3 rad/s.
         covariance0 : array_like (6, 6), optional
             Full covariance of the error state instead.
+        lag : float, optional
+            How far back to remember the steps [s], for `StarGyroState.smoothed`.
 
         Returns
         -------
@@ -333,7 +336,8 @@ class StarGyroNavigator:
         if sigma0 is None and covariance0 is None:
             sigma0 = (ATTITUDE_SIGMA, _replay.BIAS_SIGMA)
         begin = number(t, "t")
-        return StarGyroState(self, begin, one_quaternion(q, "q"), bias, sigma0, covariance0)
+        attitude = one_quaternion(q, "q")
+        return StarGyroState(self, begin, attitude, bias, sigma0, covariance0, lag)
 
     def _setup(self, max_gap: float) -> dict[str, Any]:
         return {

@@ -14,6 +14,7 @@ from celestcore._arguments import Sigma0, covariance_of, one_quaternion, positiv
 from celestcore._check import FloatArray, array, covariances, directions, number
 from celestcore.errors import InputError
 from celestcore.sensors import VectorSensor
+from celestcore.solution import StateAt
 
 if TYPE_CHECKING:
     from celestcore.navigator import StarGyroNavigator
@@ -45,9 +46,12 @@ class StarGyroState(_core.AttitudeStream):
         1-sigma of the error state [rad], [rad/s].
     covariance : ndarray (6, 6)
         Covariance of the error state.
+    lag : float or None
+        How far `smoothed` goes back [s].
     """
 
     navigator: StarGyroNavigator
+    lag: float | None
 
     def __new__(
         cls,
@@ -57,6 +61,7 @@ class StarGyroState(_core.AttitudeStream):
         bias: ArrayLike,
         sigma0: Sigma0 | None,
         covariance0: ArrayLike | None = None,
+        lag: float | None = None,
     ) -> StarGyroState:
         """Make the core's state."""
         gap = navigator.gyro.max_gap
@@ -64,9 +69,17 @@ class StarGyroState(_core.AttitudeStream):
         turn = navigator.gyro._turn()
         to_body = None if turn is None else turn.reshape(-1).tolist()
         self = super().__new__(
-            cls, setup, to_body, t, q, three(bias, "bias"), covariance_of(sigma0, covariance0)
+            cls,
+            setup,
+            to_body,
+            t,
+            q,
+            three(bias, "bias"),
+            covariance_of(sigma0, covariance0),
+            None if lag is None else number(lag, "lag", above=0.0),
         )
         self.navigator = navigator
+        self.lag = lag
         return self
 
     def update(
@@ -160,6 +173,49 @@ class StarGyroState(_core.AttitudeStream):
         i /= np.linalg.norm(i)
         return self.update_vector(number(t, "t"), b.tolist(), i.tolist(), noise)
 
+    def smoothed(self) -> StateAt:
+        """Return the states of the last `lag` seconds, each knowing all measurements up to now.
+
+        The first row is the fixed-lag estimate: the latest state that is at least `lag` old (the
+        oldest there is, as long as the state is younger). The last row is the present.
+
+        Returns
+        -------
+        StateAt
+            With a leading axis over the steps of the lag, oldest first. `rate` is NaN in the last
+            row, whose step has not been made.
+
+        Raises
+        ------
+        InputError
+            If the state was started without a lag.
+        NumericalError
+            A covariance that is not positive definite.
+
+        Notes
+        -----
+        Rauch-Tung-Striebel over the lag at each call: some 2 microseconds a step. Call it when an
+        estimate is wanted, not with every sample.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-6, 1e-9), cc.StarCamera(1e-5))
+        >>> state = nav.start(t=0.0, q=[1.0, 0.0, 0.0, 0.0], lag=5.0)
+        >>> for k in range(101):
+        ...     state.predict(0.1 * k, [0.0, 0.0, 0.0])
+        ...     used = state.update(0.1 * k, [1.0, 0.0, 0.0, 0.0])
+        >>> late = state.smoothed()
+        >>> round(float(late.t[0]), 6), bool(late.sigma[0, 0] < state.sigma[0])
+        (5.0, True)
+        """
+        t, q, bias, covariance = self._smoothed()
+        rate = np.full((len(t), 3), np.nan)
+        past = self._snapshot()[6]
+        rate[:-1] = past[:, 2:5] - bias[:-1]
+        sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        return StateAt(t=t, q=q, rate=rate, bias=bias, sigma=sigma, covariance=covariance)
+
     @property
     def sigma(self) -> FloatArray:
         """1-sigma of the error state (6,) [rad], [rad/s]."""
@@ -176,7 +232,7 @@ class StarGyroState(_core.AttitudeStream):
         return copy.copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restore, (type(self), self.navigator, self._snapshot()), self.__dict__
+        return _restore, (type(self), self.navigator, self._snapshot(), self.lag), self.__dict__
 
     def __repr__(self) -> str:
         sigma = ", ".join(f"{s:.3g}" for s in self.sigma)
@@ -184,8 +240,11 @@ class StarGyroState(_core.AttitudeStream):
 
 
 def _restore(
-    cls: type[StarGyroState], navigator: StarGyroNavigator, parts: tuple[Any, ...]
+    cls: type[StarGyroState],
+    navigator: StarGyroNavigator,
+    parts: tuple[Any, ...],
+    lag: float | None,
 ) -> StarGyroState:
-    state = StarGyroState.__new__(cls, navigator, parts[0], parts[1], parts[2], (1.0, 1.0))
+    state = StarGyroState.__new__(cls, navigator, parts[0], parts[1], parts[2], (1.0, 1.0), lag=lag)
     state._restore(parts)
     return state

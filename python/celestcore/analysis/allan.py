@@ -243,7 +243,7 @@ def _squares(
         scale = np.linalg.norm(design, axis=0)
         active = _positive(design / scale, target, terms)
         found = np.zeros(len(TERMS))
-        found[active] = np.linalg.lstsq(design[:, active] / scale[active], target)[0]
+        found[active] = np.linalg.lstsq(design[:, active] / scale[active], target, rcond=None)[0]
         found[active] /= scale[active]
         settled = np.allclose(found, squares, rtol=1e-6, atol=0.0)
         squares = found
@@ -261,7 +261,7 @@ def _positive(design: Array, target: Array, terms: list[int]) -> list[int]:
     """Return the terms that stay when those that would be negative are dropped, worst first."""
     active = list(terms)
     while len(active) > 1:
-        found = np.linalg.lstsq(design[:, active], target)[0]
+        found = np.linalg.lstsq(design[:, active], target, rcond=None)[0]
         if found.min() >= 0.0:
             break
         active.pop(int(np.argmin(found)))

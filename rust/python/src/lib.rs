@@ -1,6 +1,7 @@
 //! `celestcore._core`: numpy arrays in, numpy arrays out. Everything is computed in
 //! `celestcore-core`; documentation for users stands in the Python package.
 
+mod camera;
 mod campaign;
 mod columns;
 mod convert;
@@ -9,6 +10,7 @@ mod quaternions;
 mod replay;
 mod simulate;
 mod stream;
+mod wahba;
 
 use pyo3::prelude::*;
 
@@ -34,5 +36,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     replay::register(m)?;
     simulate::register(m)?;
     campaign::register(m)?;
+    camera::register(m)?;
+    wahba::register(m)?;
     stream::register(m)
 }

@@ -1,9 +1,10 @@
 //! The attitude filter, one sample at a time.
 
-use crate::convert::{Array, as_rows, matrix6, table};
+use crate::convert::{Array, as_rows, matrices, matrix6, rows, table};
 use crate::errors::{input, raise};
 use crate::replay::Setup;
-use celestcore_core::attitude::{Attitude, Reference, Snapshot, Stream};
+use celestcore_core::attitude::{Attitude, GyroInput, PastStep, Reference, Snapshot, Stream};
+use celestcore_core::linalg::Matrix;
 use celestcore_core::replay::Report;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
@@ -56,7 +57,8 @@ struct AttitudeStream {
 #[pymethods]
 impl AttitudeStream {
     #[new]
-    #[pyo3(signature = (setup, to_body, t, q, bias, covariance))]
+    #[pyo3(signature = (setup, to_body, t, q, bias, covariance, lag))]
+    #[expect(clippy::too_many_arguments, reason = "called by the Python package alone")]
     fn new(
         py: Python<'_>,
         setup: Setup,
@@ -65,11 +67,16 @@ impl AttitudeStream {
         q: [f64; 4],
         bias: [f64; 3],
         covariance: Array<'_>,
+        lag: Option<f64>,
     ) -> PyResult<Self> {
         let (filter, model, timing) = (setup.filter(py)?, setup.model(py)?, setup.timing(py)?);
         let p = matrix6(&covariance, "initial covariance")?;
         let stream = Stream::new(filter, model, timing, setup.gate, t, Attitude { q, bias }, &p);
-        Ok(Self { stream: stream.map_err(|e| raise(py, e))?, to_body })
+        let mut stream = stream.map_err(|e| raise(py, e))?;
+        if let Some(lag) = lag {
+            stream.keep(lag).map_err(|e| raise(py, e))?;
+        }
+        Ok(Self { stream, to_body })
     }
 
     /// Moves to time `t` with the gyro sample `rate` taken then.
@@ -100,6 +107,18 @@ impl AttitudeStream {
         Ok(Update { report })
     }
 
+    /// Times, attitudes, biases and covariances since the lag, all measurements used.
+    fn _smoothed<'py>(&self, py: Python<'py>) -> PyResult<Window<'py>> {
+        let states = self.stream.smoothed().map_err(|e| raise(py, e))?;
+        let t = PyArray1::from_iter(py, states.iter().map(|s| s.0));
+        let q = table(py, states.iter().map(|s| s.1.q).collect())?;
+        let bias = table(py, states.iter().map(|s| s.1.bias).collect())?;
+        let rows =
+            |m: &Matrix<f64, 6, 6>| -> [[f64; 6]; 6] { std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)])) };
+        let covariance = matrices(py, states.iter().map(|s| rows(&s.2)).collect())?;
+        Ok((t, q, bias, covariance))
+    }
+
     #[getter]
     fn t(&self) -> f64 {
         self.stream.time()
@@ -120,19 +139,47 @@ impl AttitudeStream {
     /// Everything that changes as the filter runs, for `copy` and `pickle`.
     fn _snapshot<'py>(&self, py: Python<'py>) -> PyResult<Parts<'py>> {
         let s = self.stream.snapshot();
-        Ok((s.t, s.mean.q, s.mean.bias, table(py, as_rows(&s.matrix))?, s.last, s.steps))
+        let past = table(py, self.stream.history().map(packed).collect())?;
+        Ok((s.t, s.mean.q, s.mean.bias, table(py, as_rows(&s.matrix))?, s.last, s.steps, past))
     }
 
-    fn _restore(&mut self, parts: (f64, [f64; 4], [f64; 3], Array<'_>, Option<Sample>, usize)) -> PyResult<()> {
-        let (t, q, bias, matrix, last, steps) = parts;
+    fn _restore(&mut self, parts: Given<'_>) -> PyResult<()> {
+        let (t, q, bias, matrix, last, steps, past) = parts;
         let matrix = matrix6(&matrix, "matrix")?;
+        self.stream.recall(rows::<PAST>(&past, "past steps")?.iter().map(unpacked));
         self.stream.restore(&Snapshot { t, mean: Attitude { q, bias }, matrix, last, steps });
         Ok(())
     }
 }
 
 type Sample = (f64, [f64; 3]);
-type Parts<'py> = (f64, [f64; 4], [f64; 3], Bound<'py, PyAny>, Option<Sample>, usize);
+type Parts<'py> = (f64, [f64; 4], [f64; 3], Bound<'py, PyAny>, Option<Sample>, usize, Bound<'py, PyAny>);
+type Given<'py> = (f64, [f64; 4], [f64; 3], Array<'py>, Option<Sample>, usize, Array<'py>);
+type Window<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
+
+/// Numbers in a past step.
+const PAST: usize = 49;
+
+/// A past step as a row: times, input, state, matrix.
+fn packed(s: &PastStep) -> [f64; PAST] {
+    let head = [s.t, s.to, s.input.rate[0], s.input.rate[1], s.input.rate[2], s.input.extra];
+    let parts = head.iter().chain(&s.mean.q).chain(&s.mean.bias).chain(s.matrix.as_slice());
+    let mut row = [0.0; PAST];
+    for (to, from) in row.iter_mut().zip(parts) {
+        *to = *from;
+    }
+    row
+}
+
+fn unpacked(row: &[f64; PAST]) -> PastStep {
+    PastStep {
+        t: row[0],
+        to: row[1],
+        input: GyroInput { rate: [row[2], row[3], row[4]], extra: row[5] },
+        mean: Attitude { q: [row[6], row[7], row[8], row[9]], bias: [row[10], row[11], row[12]] },
+        matrix: Matrix::from_column_slice(&row[13..]),
+    }
+}
 
 /// Three numbers: fast from a float64 array, else from any sequence.
 fn three(x: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {

@@ -1,7 +1,9 @@
 //! Attitude from a gyro and star cameras or direction sensors.
 
 mod calibration;
+pub mod camera;
 mod gyro;
+mod history;
 mod invariant;
 mod literal;
 mod run;
@@ -11,9 +13,11 @@ mod start;
 mod state;
 mod stream;
 mod system;
+pub mod wahba;
 
 pub use calibration::{CALIBRATED, Calibrated, CalibratedSpace, Calibration};
 pub use gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming, Sampling};
+pub use history::{PastStep, SmoothedState};
 pub use invariant::{InertialError, Invariant};
 pub use literal::{ErrorQuaternion, Literal, LiteralModel, LiteralSpace};
 pub use run::{AnyFilter, Buffers, Columns, Log, Measured, Options, Rows, calibrate, rows, run, smooth};

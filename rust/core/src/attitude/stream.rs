@@ -1,6 +1,7 @@
 //! The same filters, one sample at a time.
 
 use super::gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming};
+use super::history::{Back, History, PastStep, SmoothedState};
 use super::run::AnyFilter;
 use super::sensors::Reference;
 use super::series::gates;
@@ -22,6 +23,41 @@ enum Running {
     SrUkf(SrUkf, SqrtGaussian<AttitudeBias, f64, 6>),
 }
 
+impl Running {
+    fn new(filter: AnyFilter, mean: Attitude<f64>, p: &Matrix<f64, 6, 6>) -> Result<(Self, bool)> {
+        Ok(match filter {
+            AnyFilter::Ekf(f) => {
+                let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, p);
+                (Self::Ekf(f, b), ok)
+            }
+            AnyFilter::Ukf(f) => {
+                let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, p);
+                (Self::Ukf(f, b), ok)
+            }
+            AnyFilter::SrUkf(f) => {
+                let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, p);
+                (Self::SrUkf(f, b), ok)
+            }
+            AnyFilter::Iterated(_) | AnyFilter::Invariant | AnyFilter::Literal(_) => return Err(Error::NotStreaming),
+        })
+    }
+    /// State and matrix as they are carried from step to step.
+    fn parts(&self) -> (Attitude<f64>, Matrix<f64, 6, 6>) {
+        match self {
+            Self::Ekf(_, b) | Self::Ukf(_, b) => (b.mean, b.cov),
+            Self::SrUkf(_, b) => (b.mean, b.factor),
+        }
+    }
+}
+
+fn gaussian(s: &PastStep) -> Gaussian<AttitudeBias, f64, 6> {
+    Gaussian { mean: s.mean, cov: s.matrix }
+}
+
+fn square_root(s: &PastStep) -> SqrtGaussian<AttitudeBias, f64, 6> {
+    SqrtGaussian { mean: s.mean, factor: s.matrix }
+}
+
 /// Attitude filter for use inside another program: `predict` with each gyro sample, `update` with each
 /// measurement, in order of time. Gives what a replay of the same samples gives.
 #[derive(Clone)]
@@ -35,6 +71,7 @@ pub struct Stream {
     /// The latest gyro sample and its time.
     last: Option<(f64, [f64; 3])>,
     steps: usize,
+    history: Option<History>,
 }
 
 /// What a [`Stream`] carries from step to step.
@@ -66,35 +103,26 @@ impl Stream {
         mean: Attitude<f64>,
         covariance: &Matrix<f64, 6, 6>,
     ) -> Result<Self> {
-        let (running, ok) = match filter {
-            AnyFilter::Ekf(f) => {
-                let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, covariance);
-                (Running::Ekf(f, b), ok)
-            }
-            AnyFilter::Ukf(f) => {
-                let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, covariance);
-                (Running::Ukf(f, b), ok)
-            }
-            AnyFilter::SrUkf(f) => {
-                let (b, ok) = f.belief::<AttitudeBias, f64, 6>(mean, covariance);
-                (Running::SrUkf(f, b), ok)
-            }
-            AnyFilter::Iterated(_) | AnyFilter::Invariant | AnyFilter::Literal(_) => {
-                return Err(Error::NotStreaming);
-            }
-        };
+        let (running, ok) = Running::new(filter, mean, covariance)?;
         if !ok {
             return Err(Error::NotPositiveDefinite { what: "initial covariance", step: 0, t });
         }
-        Ok(Self { running, model, timing, gates: gates(gate)?, level: Level::best(), t, last: None, steps: 0 })
+        Ok(Self {
+            running,
+            model,
+            timing,
+            gates: gates(gate)?,
+            level: Level::best(),
+            t,
+            last: None,
+            steps: 0,
+            history: None,
+        })
     }
 
     /// Everything that changes as the filter runs; with [`Self::restore`] it goes on to the same bits.
     pub fn snapshot(&self) -> Snapshot {
-        let (mean, matrix) = match &self.running {
-            Running::Ekf(_, b) | Running::Ukf(_, b) => (b.mean, b.cov),
-            Running::SrUkf(_, b) => (b.mean, b.factor),
-        };
+        let (mean, matrix) = self.running.parts();
         Snapshot { t: self.t, mean, matrix, last: self.last, steps: self.steps }
     }
 
@@ -105,6 +133,53 @@ impl Stream {
             Running::SrUkf(_, b) => *b = SqrtGaussian { mean: from.mean, factor: from.matrix },
         }
         (self.t, self.last, self.steps) = (from.t, from.last, from.steps);
+    }
+
+    /// Remembers steps from now on, so that [`Self::smoothed`] can go back by `lag` seconds.
+    ///
+    /// # Errors
+    /// A lag that is not positive.
+    pub fn keep(&mut self, lag: f64) -> Result<()> {
+        if !(lag > 0.0 && lag.is_finite()) {
+            return Err(Error::Parameter { field: "lag", value: lag, need: "must be positive and finite, in s" });
+        }
+        self.history = Some(History::new(lag));
+        Ok(())
+    }
+
+    /// The steps that are remembered, oldest first.
+    pub fn history(&self) -> impl Iterator<Item = &PastStep> {
+        self.history.iter().flat_map(|h| h.steps.iter())
+    }
+
+    /// Replaces the steps that are remembered by those of a stream that is gone on from.
+    pub fn recall(&mut self, steps: impl IntoIterator<Item = PastStep>) {
+        if let Some(history) = &mut self.history {
+            history.steps = steps.into_iter().collect();
+        }
+    }
+
+    /// The states since the latest one that is at least the lag old, each knowing all measurements up to
+    /// now; oldest first, the present last.
+    ///
+    /// # Errors
+    /// No lag was asked for; a covariance that is not positive definite.
+    pub fn smoothed(&self) -> Result<Vec<SmoothedState>> {
+        let need = "nothing is remembered; start with a lag";
+        let history = self.history.as_ref().ok_or(Error::Parameter { field: "lag", value: 0.0, need })?;
+        let (now, model, steps) = (self.t, &self.model, &history.steps);
+        let out = match &self.running {
+            Running::Ekf(filter, belief) => {
+                self.level.run(Back { filter, model, now, belief, steps, recall: gaussian })
+            }
+            Running::Ukf(filter, belief) => {
+                self.level.run(Back { filter, model, now, belief, steps, recall: gaussian })
+            }
+            Running::SrUkf(filter, belief) => {
+                self.level.run(Back { filter, model, now, belief, steps, recall: square_root })
+            }
+        };
+        out.ok_or(Error::NotPositiveDefinite { what: "smoothed covariance", step: self.steps, t: now })
     }
 
     /// Time of the state, s.
@@ -175,6 +250,9 @@ impl Stream {
                 Ok(report)
             }
             None => {
+                if let Some(history) = self.history.as_mut().filter(|_| self.t > before.1) {
+                    history.steps.pop_back();
+                }
                 (self.running, self.t, self.steps) = before;
                 Err(Error::NotPositiveDefinite { what: "covariance in the update", step: self.steps, t })
             }
@@ -193,6 +271,10 @@ impl Stream {
             let (running, _) = self
                 .apply(&Step::Predict(input, self.t, t - self.t))
                 .ok_or(Error::NotPositiveDefinite { what: "predicted covariance", step: self.steps, t })?;
+            if let Some(history) = &mut self.history {
+                let (mean, matrix) = self.running.parts();
+                history.push(PastStep { t: self.t, to: t, input: *input, mean, matrix });
+            }
             self.running = running;
             self.t = t;
             self.steps += 1;
