@@ -79,7 +79,7 @@ def star_covariance(star: float) -> Array:
     Examples
     --------
     >>> (3 * np.sqrt(np.diag(star_covariance(5.0))) / ARCSEC).round(2).tolist()
-    [4.18, 6.58, 3.56]
+    [4.17, 6.58, 3.56]
     """
     information = sum(np.eye(3) - np.outer(u, u) for u in BORESIGHTS)
     paper = np.linalg.inv(information) * (star / SIGMAS * ARCSEC) ** 2
