@@ -17,6 +17,7 @@ pub mod manifold;
 pub mod model;
 pub mod quaternion;
 pub mod replay;
+pub mod resample;
 pub mod scalar;
 pub mod simulate;
 
