@@ -416,7 +416,17 @@ def propagate(
 
 
 def from_rotation(rotation: Rotation) -> FloatArray:
-    """Quaternions, scalar first, of a `scipy.spatial.transform.Rotation`.
+    """Return the quaternions of a `scipy.spatial.transform.Rotation`.
+
+    Parameters
+    ----------
+    rotation : Rotation
+        One, or a stack.
+
+    Returns
+    -------
+    ndarray (..., 4)
+        Scalar first.
 
     Examples
     --------
@@ -428,7 +438,23 @@ def from_rotation(rotation: Rotation) -> FloatArray:
 
 
 def as_rotation(q: QuaternionLike) -> Rotation:
-    """Return a `scipy.spatial.transform.Rotation` of quaternions (..., 4), scalar first.
+    """Return a `scipy.spatial.transform.Rotation` of quaternions.
+
+    Parameters
+    ----------
+    q : array_like (..., 4)
+        Scalar first.
+
+    Returns
+    -------
+    Rotation
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong.
+    MissingDependencyError
+        If scipy is not installed.
 
     Examples
     --------
