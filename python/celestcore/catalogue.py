@@ -114,6 +114,11 @@ class StarCatalogue:
         seed : int
             Same seed, same sky.
 
+        Raises
+        ------
+        InputError
+            If a number is negative or not whole.
+
         Examples
         --------
         >>> StarCatalogue.random(4968)
