@@ -23,7 +23,7 @@ Examples
 True
 """
 
-from celestcore import analysis, quaternion, wahba
+from celestcore import analysis, quaternion, simulate, wahba
 from celestcore._core import __version__
 from celestcore.calibration import Calibration
 from celestcore.camera import CameraModel, StarCatalogue
@@ -39,6 +39,7 @@ from celestcore.errors import (
 from celestcore.filters import EKF, SRUKF, UKF, InvariantEKF, IteratedEKF, LiteralUKF
 from celestcore.io import read_log, write_log
 from celestcore.log import SensorLog
+from celestcore.montecarlo import MonteCarlo, monte_carlo
 from celestcore.navigator import StarGyroNavigator, StarGyroState
 from celestcore.samples import sample, sample_names, sample_path
 from celestcore.sensors import Gyro, StarCamera, VectorSensor
@@ -60,6 +61,7 @@ __all__ = [
     "LiteralUKF",
     "LogFormatError",
     "MissingDependencyError",
+    "MonteCarlo",
     "NumericalError",
     "SensorLog",
     "Settings",
@@ -72,11 +74,13 @@ __all__ = [
     "VectorSensor",
     "__version__",
     "analysis",
+    "monte_carlo",
     "quaternion",
     "read_log",
     "sample",
     "sample_names",
     "sample_path",
+    "simulate",
     "wahba",
     "write_log",
 ]

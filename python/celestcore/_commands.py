@@ -151,20 +151,72 @@ def info(
     _show_info(Console(highlight=False, markup=False), content)
 
 
+published = typer.Typer(
+    help="Run published experiments again.", no_args_is_help=True, rich_markup_mode=None
+)
+app.add_typer(published, name="reproduce")
+
+
+@published.command(
+    "star-gyro",
+    epilog="Example: celestcore reproduce star-gyro --out star-gyro --json star-gyro.json",
+)
+def star_gyro(
+    runs: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--runs", metavar="N", help="Orbits a cell; 16, with --quick 1."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="S", help="Of all random numbers.")] = 0,
+    threads: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--threads", metavar="N", help="Same figures for any number; all."),
+    ] = None,
+    json_file: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--json", metavar="FILE", help="Write every figure; - for standard output."),
+    ] = None,
+    out: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--out", metavar="DIR", help="Write the page, its tables and its figures."),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few runs: a look, too few to judge.")
+    ] = False,
+) -> None:
+    """Star camera and gyro: Tables 3 to 5 and Figures 2 to 7 of Wang and Jiang (2020)."""
+    from celestcore.reproduce._command import Reproduce
+    from celestcore.reproduce._page import lead
+
+    request = Reproduce(runs, seed, threads, quick, json_file, out)
+    request.check()
+    with _progress("reproducing") as advance:
+        result = request.run(None if advance is None else lambda a, b, _: advance(a, b))
+    written = request.write(result, shlex.join(_command()))
+    console = Console(stderr=json_file == cli.STDOUT, highlight=False, markup=False)
+    console.print(lead(result))
+    table = Table("block", "asked", "found", "", box=None, pad_edge=False, header_style="bold")
+    for target in result.targets():
+        verdict = {True: "met", False: "missed", None: "not judged"}[target.met]
+        table.add_row(target.block, target.asked, target.found, verdict)
+    console.print(table)
+    for name, path in written:
+        console.print(f"{name}: {path}", soft_wrap=True)
+
+
 def _command() -> list[str]:
     return ["celestcore", *sys.argv[1:]]
 
 
 @contextmanager
-def _progress() -> Iterator[cli.Progress | None]:
+def _progress(what: str = "replaying") -> Iterator[cli.Progress | None]:
     """Give a callback that draws a bar on standard error, if that is a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield None
         return
-    columns = (TextColumn("replaying"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    columns = (TextColumn(what), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     bar = Progress(*columns, console=console, transient=True)
-    task = bar.add_task("replay", total=None)
+    task = bar.add_task(what, total=None)
 
     def advance(done: int, total: int) -> None:
         bar.start()  # short work never gets here, and shows no bar

@@ -1,6 +1,6 @@
 """The compiled core. Arrays are C-contiguous float64; use the package's modules instead."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -16,6 +16,7 @@ __all__ = [
     "camera_observe",
     "chi2_cdf",
     "chi2_quantile",
+    "monte_carlo",
     "quat_angle_between",
     "quat_conjugate",
     "quat_continuous",
@@ -32,6 +33,7 @@ __all__ = [
     "quat_to_matrix",
     "release_build",
     "replay",
+    "simulate",
     "wahba_solve",
 ]
 
@@ -87,6 +89,20 @@ def replay(log: Mapping[str, Any], smoothed: bool) -> dict[str, Any]: ...
 def calibrate(
     log: Mapping[str, Any], aligned: int | None, prior: Sequence[float]
 ) -> dict[str, Any]: ...
+def simulate(
+    flight: Mapping[str, Any], seed: int, trial: int
+) -> tuple[_Array, _Array, list[_Array]]: ...
+def monte_carlo(
+    flight: Mapping[str, Any],
+    estimators: Sequence[Mapping[str, Any]],
+    seed: int,
+    first: int,
+    count: int,
+    skip: float,
+    threads: int,
+    portable: bool,
+    progress: Callable[[int, int], object] | None,
+) -> list[dict[str, Any]]: ...
 
 @final
 class Update:

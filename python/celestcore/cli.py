@@ -1,4 +1,4 @@
-"""The command line: ``celestcore replay``, ``celestcore info``.
+"""The command line: ``celestcore replay``, ``celestcore info``, ``celestcore reproduce``.
 
 This module needs numpy only; the commands themselves (typer, rich) are in `_commands`.
 """

@@ -20,7 +20,9 @@ from celestcore.solution import Solution
 from celestcore.stream import StarGyroState
 
 if TYPE_CHECKING:
+    from celestcore.montecarlo import MonteCarlo
     from celestcore.quaternion import QuaternionLike
+    from celestcore.simulate import Scenario
 
 __all__ = ["StarGyroNavigator", "StarGyroState"]
 
@@ -294,6 +296,41 @@ class StarGyroNavigator:
         return calibrate(
             self, log, (scale_sigma, misalignment_sigma, alignment_sigma), aligned, options
         )
+
+    def monte_carlo(self, scenario: Scenario, trials: int = 100, **options: Any) -> MonteCarlo:
+        """Run many simulated trials of a scenario through this navigator.
+
+        Parameters
+        ----------
+        scenario : celestcore.simulate.Scenario
+            Truth and sensor errors.
+        trials : int
+            How many.
+        **options
+            Those of `celestcore.monte_carlo`: `seed`, `smooth`, `skip`, `threads`, `executor`, ...
+
+        Returns
+        -------
+        MonteCarlo
+
+        Raises
+        ------
+        InputError, KeyboardInterrupt
+            As `celestcore.monte_carlo`.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> truth = cc.simulate.constant_rate([0.0, 0.0, 1e-3], 100.0)
+        >>> gyro, star = cc.simulate.GyroErrors(1e-6), cc.simulate.StarErrors(1e-5, period=1.0)
+        >>> scenario = cc.simulate.Scenario(truth, gyro, star)
+        >>> runs = scenario.navigator(cc.EKF()).monte_carlo(scenario, trials=4, seed=1)
+        >>> [scores.rms.shape for scores in runs.values()]
+        [(4, 3)]
+        """
+        from celestcore.montecarlo import monte_carlo
+
+        return monte_carlo(scenario, self, trials, **options)
 
     def start(
         self,

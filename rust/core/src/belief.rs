@@ -1,6 +1,6 @@
 //! What a filter knows, and what an update reports.
 
-use crate::linalg::{Matrix, Vector, cholesky, diagonal, mul_t, symmetric};
+use crate::linalg::{Matrix, Vector, cholesky, diagonal, square};
 use crate::manifold::{Family, Manifold, select_matrix};
 use crate::scalar::{Mask, Real};
 
@@ -108,8 +108,7 @@ impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for SqrtGaussian<S
     }
     #[inline(always)]
     fn covariance(&self) -> Matrix<T, N, N> {
-        let p = mul_t(&self.factor, &self.factor);
-        symmetric(|i, j| p[(i, j)])
+        square(&self.factor)
     }
     #[inline(always)]
     fn variance(&self) -> Vector<T, N> {

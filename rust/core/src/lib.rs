@@ -18,5 +18,6 @@ pub mod model;
 pub mod quaternion;
 pub mod replay;
 pub mod scalar;
+pub mod simulate;
 
 pub use error::{Error, Result};

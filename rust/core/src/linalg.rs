@@ -74,6 +74,12 @@ pub fn mul_t<T: Real, const R: usize, const K: usize, const C: usize>(
     from_fn(|i, j| dot::<T, K>(|k| a[(i, k)], |k| b[(j, k)]))
 }
 
+/// `a aᵀ`
+#[inline(always)]
+pub fn square<T: Real, const R: usize, const K: usize>(a: &Matrix<T, R, K>) -> Matrix<T, R, R> {
+    symmetric(|i, j| dot::<T, K>(|k| a[(i, k)], |k| a[(j, k)]))
+}
+
 /// `a b aᵀ` for symmetric `b`.
 #[inline(always)]
 pub fn congruence<T: Real, const R: usize, const K: usize>(

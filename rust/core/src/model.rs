@@ -1,6 +1,6 @@
 //! What a system consists of: dynamics, and measurements of any size.
 
-use crate::linalg::{Matrix, Vector, add, cholesky_semidefinite, congruence, mul_t, zeros};
+use crate::linalg::{Matrix, Vector, add, cholesky_semidefinite, congruence, mul, mul_t, zeros};
 use crate::manifold::{Family, Manifold};
 use crate::scalar::Real;
 
@@ -58,6 +58,20 @@ pub trait Dynamics<const N: usize> {
     ) -> (State<Self, T, N>, Matrix<T, N, N>) {
         let p = congruence(&self.transition(x, u, t, dt), p);
         (self.step(x, u, t, dt), add(&p, &self.noise(x, u, t, dt)))
+    }
+
+    /// State after the step, what the step makes of a square root of the covariance, `F L`, and its noise.
+    /// Override it to use structure or to share work.
+    #[inline(always)]
+    fn carry<T: Real>(
+        &self,
+        x: &State<Self, T, N>,
+        root: &Matrix<T, N, N>,
+        u: &Input<Self, T, N>,
+        t: T,
+        dt: T,
+    ) -> (State<Self, T, N>, Matrix<T, N, N>, Matrix<T, N, N>) {
+        (self.step(x, u, t, dt), mul(&self.transition(x, u, t, dt), root), self.noise(x, u, t, dt))
     }
 
     /// A square root of `noise`.

@@ -309,18 +309,29 @@ pub fn left_jacobian<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
     skew.matrix(T::one(), c1, c2)
 }
 
+/// Of `1/θ² − cot(θ/2) / (2θ)`.
+const INVERSE: [f64; 4] = [1.0 / 1_209_600.0, 1.0 / 30_240.0, 1.0 / 720.0, 1.0 / 12.0];
+
 /// Inverse of the right Jacobian (Solà eq. 184), for `|v| < 2π`.
-pub fn right_jacobian_inverse(v: &Vector<f64, 3>) -> Matrix<f64, 3, 3> {
+#[inline(always)]
+pub fn right_jacobian_inverse<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
     let skew = InSkew::new(v);
     let theta2 = skew.theta2();
-    let k = if theta2 < 1e-2 {
-        theta2.poly([1.0 / 1_209_600.0, 1.0 / 30_240.0, 1.0 / 720.0, 1.0 / 12.0])
-    } else {
-        // 1/θ² − cot(θ/2) / (2θ), which stays finite at π
+    let k = if T::splat(1e-2).gt(theta2).all() { theta2.poly(INVERSE) } else { inverse_coefficient(theta2) };
+    skew.matrix(T::one(), T::splat(0.5), k)
+}
+
+/// `1/θ² − cot(θ/2) / (2θ)`, which stays finite at π.
+#[cold]
+#[inline(never)]
+fn inverse_coefficient<T: Real>(theta2: T) -> T {
+    theta2.map(|theta2| {
+        if theta2 < 1e-2 {
+            return theta2.poly(INVERSE);
+        }
         let t = theta2.sqrt();
         (1.0 - 0.5 * t * (0.5 * t).cos() / (0.5 * t).sin()) / theta2
-    };
-    skew.matrix(1.0, 0.5, k)
+    })
 }
 
 /// Matrices `a I + b [v]× + c [v]×²` of one vector, with `[v]×² = v vᵀ − θ² I`: products are shared.

@@ -2,11 +2,13 @@
 //! `celestcore-core`; documentation for users stands in the Python package.
 
 mod camera;
+mod campaign;
 mod columns;
 mod convert;
 mod errors;
 mod quaternions;
 mod replay;
+mod simulate;
 mod stream;
 mod wahba;
 
@@ -34,5 +36,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     replay::register(m)?;
     camera::register(m)?;
     wahba::register(m)?;
+    simulate::register(m)?;
+    campaign::register(m)?;
     stream::register(m)
 }

@@ -6,9 +6,7 @@
 use super::wahba::{Fix, Method, Unobservable, Vectors, solve};
 use crate::linalg::Vector;
 use crate::quaternion::{Quaternion, conjugate, dot3, rotate, tangents};
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
+use crate::simulate::rng::Stream;
 
 /// Outline of the field of view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,8 +74,8 @@ impl Catalogue {
 /// Directions spread evenly over the sphere, the same for each seed: normal numbers in three axes have no
 /// preferred direction.
 pub fn isotropic(n: usize, seed: u64) -> Vec<Vector<f64, 3>> {
-    const CATALOGUE: u64 = 255;
-    let mut stream = Stream::new(seed, CATALOGUE);
+    const CATALOGUE: u8 = 255;
+    let mut stream = Stream::new(seed, 0, CATALOGUE);
     (0..n).map(|_| unit(&std::array::from_fn(|_| stream.normal()))).collect()
 }
 
@@ -105,9 +103,9 @@ pub struct Observer<'a> {
 }
 
 impl<'a> Observer<'a> {
-    /// Noise comes from stream number `stream` of the `seed`.
+    /// Noise comes from stream number `stream`, `(trial << 8) | channel`, of the `seed`.
     pub fn new(camera: Camera, catalogue: &'a Catalogue, method: Method, seed: u64, stream: u64) -> Self {
-        let stream = Stream::new(seed, stream);
+        let stream = Stream::new(seed, stream >> 8, (stream & 0xff) as u8);
         Self { camera, method, catalogue, stream, sigma: Vec::new(), inertial: Vec::new() }
     }
     /// Takes a frame at attitude `q_ic` and adds it.
@@ -130,7 +128,7 @@ impl<'a> Observer<'a> {
             if self.camera.sees(&exact) {
                 self.inertial.push(stars.directions[k]);
                 frames.rows.push(stars.rows[k]);
-                frames.vectors.push(self.stream.blurred(&exact, self.camera.sigma));
+                frames.vectors.push(blurred(&mut self.stream, &exact, self.camera.sigma));
             }
         }
         self.sigma.resize(self.inertial.len(), self.camera.sigma);
@@ -146,23 +144,9 @@ fn unit(v: &Vector<f64, 3>) -> Vector<f64, 3> {
     v.map(|c| c / n)
 }
 
-/// Standard normal numbers of one stream of one seed: ChaCha with 8 rounds, so that streams are independent
-/// and the numbers are the same everywhere.
-struct Stream(ChaCha8Rng);
-
-impl Stream {
-    fn new(seed: u64, stream: u64) -> Self {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        rng.set_stream(stream);
-        Self(rng)
-    }
-    fn normal(&mut self) -> f64 {
-        StandardNormal.sample(&mut self.0)
-    }
-    /// A unit vector moved by noise of `sigma` in each of the two directions across it.
-    fn blurred(&mut self, v: &Vector<f64, 3>, sigma: f64) -> Vector<f64, 3> {
-        let [a, b] = tangents(v);
-        let (x, y) = (sigma * self.normal(), sigma * self.normal());
-        unit(&std::array::from_fn(|i| v[i] + x * a[i] + y * b[i]))
-    }
+/// A unit vector moved by noise of `sigma` in each of the two directions across it.
+fn blurred(stream: &mut Stream, v: &Vector<f64, 3>, sigma: f64) -> Vector<f64, 3> {
+    let [a, b] = tangents(v);
+    let (x, y) = (sigma * stream.normal(), sigma * stream.normal());
+    unit(&std::array::from_fn(|i| v[i] + x * a[i] + y * b[i]))
 }

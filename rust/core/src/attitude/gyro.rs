@@ -3,7 +3,7 @@
 use super::state::{Attitude, AttitudeBias};
 use crate::error::{Error, Result};
 use crate::linalg::{
-    Matrix, Vector, block, congruence, dot, from_fn, identity, mul, set_block, symmetric, transpose, zeros,
+    Matrix, Vector, add, block, congruence, dot, from_fn, identity, mul, set_block, symmetric, transpose, zeros,
 };
 use crate::manifold::Family;
 use crate::model::Dynamics;
@@ -61,6 +61,20 @@ pub(super) struct Blocks<T: Real> {
     noise_attitude: Matrix<T, 3, 3>,
     noise_cross: Matrix<T, 3, 3>,
     noise_bias: T,
+}
+
+impl<T: Real> Blocks<T> {
+    #[inline(always)]
+    fn noise(&self) -> Matrix<T, 6, 6> {
+        let mut q = zeros();
+        set_block(&mut q, 0, 0, &self.noise_attitude);
+        set_block(&mut q, 0, 3, &self.noise_cross);
+        set_block(&mut q, 3, 0, &transpose(&self.noise_cross));
+        for i in 3..6 {
+            q[(i, i)] = self.noise_bias;
+        }
+        q
+    }
 }
 
 impl GyroModel {
@@ -126,15 +140,25 @@ impl Dynamics<6> for GyroModel {
 
     #[inline(always)]
     fn noise<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, _t: T, dt: T) -> Matrix<T, 6, 6> {
+        self.blocks(x, u, dt).noise()
+    }
+
+    /// `F L` in 3×3 blocks; all three share the blocks of the step.
+    #[inline(always)]
+    fn carry<T: Real>(
+        &self,
+        x: &Attitude<T>,
+        root: &Matrix<T, 6, 6>,
+        u: &GyroInput<T>,
+        t: T,
+        dt: T,
+    ) -> (Attitude<T>, Matrix<T, 6, 6>, Matrix<T, 6, 6>) {
         let b = self.blocks(x, u, dt);
-        let mut q = zeros();
-        set_block(&mut q, 0, 0, &b.noise_attitude);
-        set_block(&mut q, 0, 3, &b.noise_cross);
-        set_block(&mut q, 3, 0, &transpose(&b.noise_cross));
-        for i in 3..6 {
-            q[(i, i)] = b.noise_bias;
-        }
-        q
+        let turned: Matrix<T, 3, 6> = mul(&b.rotation, &block::<T, 6, 6, 3, 6>(root, 0, 0));
+        let coupled: Matrix<T, 3, 6> = mul(&b.coupling, &block::<T, 6, 6, 3, 6>(root, 3, 0));
+        let mut image = *root;
+        set_block(&mut image, 0, 0, &add(&turned, &coupled));
+        (self.step(x, u, t, dt), image, b.noise())
     }
 
     /// `F P Fᵀ + Q` in 3×3 blocks; the rotation of the step serves mean and covariance.

@@ -2,7 +2,7 @@
 
 use crate::linalg::{Matrix, Vector, block, congruence, identity, mul, set_block, transpose};
 use crate::manifold::{Family, Manifold};
-use crate::quaternion::{self, Quaternion, right_jacobian};
+use crate::quaternion::{self, Quaternion, right_jacobian, right_jacobian_inverse};
 use crate::scalar::Real;
 
 /// Attitude `q_ib` (body to inertial) and gyro bias in the body frame.
@@ -54,14 +54,11 @@ impl Manifold<6> for AttitudeBias {
     }
     #[inline(always)]
     fn transport<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>, p: &Matrix<T, 6, 6>) -> Matrix<T, 6, 6> {
-        let turn = right_jacobian(&[d[0], d[1], d[2]]);
-        let attitude = congruence(&turn, &block(p, 0, 0));
-        let cross: Matrix<T, 3, 3> = mul(&turn, &block::<T, 6, 6, 3, 3>(p, 0, 3));
-        let mut out = *p;
-        set_block(&mut out, 0, 0, &attitude);
-        set_block(&mut out, 0, 3, &cross);
-        set_block(&mut out, 3, 0, &transpose(&cross));
-        out
+        carried(&right_jacobian(&[d[0], d[1], d[2]]), p)
+    }
+    #[inline(always)]
+    fn transport_back<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>, p: &Matrix<T, 6, 6>) -> Matrix<T, 6, 6> {
+        carried(&right_jacobian_inverse(&[d[0], d[1], d[2]]), p)
     }
     #[inline(always)]
     fn transport_factor<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>, l: &Matrix<T, 6, 6>) -> Matrix<T, 6, 6> {
@@ -71,6 +68,18 @@ impl Manifold<6> for AttitudeBias {
         set_block(&mut out, 0, 0, &top);
         out
     }
+}
+
+/// A covariance after a linear map of the attitude error.
+#[inline(always)]
+fn carried<T: Real>(turn: &Matrix<T, 3, 3>, p: &Matrix<T, 6, 6>) -> Matrix<T, 6, 6> {
+    let attitude = congruence(turn, &block(p, 0, 0));
+    let cross: Matrix<T, 3, 3> = mul(turn, &block::<T, 6, 6, 3, 3>(p, 0, 3));
+    let mut out = *p;
+    set_block(&mut out, 0, 0, &attitude);
+    set_block(&mut out, 0, 3, &cross);
+    set_block(&mut out, 3, 0, &transpose(&cross));
+    out
 }
 
 /// Unit quaternions as measured values.

@@ -2,7 +2,7 @@
 
 use super::{Filter, cast};
 use crate::belief::{Belief, Gaussian, Joint, Outcome};
-use crate::linalg::{Matrix, add, apply, cholesky, dot, from_fn, gain, mul, symmetric, transpose};
+use crate::linalg::{Matrix, add, apply, cholesky, dot, from_fn, gain, square, symmetric, transpose};
 use crate::manifold::Manifold;
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::scalar::{Mask, Real};
@@ -58,10 +58,10 @@ impl Filter for Ekf {
         t: T,
         dt: T,
     ) -> (Joint<D::Space, T, N>, T::Mask) {
-        let (mean, cov) = dynamics.propagate(&belief.mean, &belief.cov, u, t, dt);
         let (root, ok) = cholesky(&belief.cov);
-        let image = mul(&dynamics.transition(&belief.mean, u, t, dt), &root);
-        (Joint { mean, cov, root, image, rest: dynamics.noise(&belief.mean, u, t, dt) }, ok)
+        let (mean, image, rest) = dynamics.carry(&belief.mean, &root, u, t, dt);
+        let cov = add(&square(&image), &rest);
+        (Joint { mean, cov, root, image, rest }, ok)
     }
 
     #[inline(always)]

@@ -10,7 +10,7 @@
 
 use crate::belief::Joint;
 use crate::error::{Error, Result};
-use crate::linalg::{Matrix, Vector, add, mul, mul_t, subtract, symmetric, zeros};
+use crate::linalg::{Matrix, Vector, add, mul, square, subtract, symmetric, zeros};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Input, State};
 use crate::scalar::Real;
@@ -188,12 +188,11 @@ pub(crate) fn joint<D: Dynamics<N>, T: Real, const N: usize>(
     let reset = D::Space::reset(&centre, &shift);
     let cov = add(&D::Space::transport(&centre, &shift, &cov), &dynamics.noise(mean, u, t, dt));
     let image = mul(&reset, &image);
-    let odd = mul_t(&image, &image);
     Joint {
         mean: D::Space::normalise(&D::Space::retract(&centre, &shift)),
         cov,
         root: *root,
         image,
-        rest: subtract(&cov, &symmetric(|i, j| odd[(i, j)])),
+        rest: subtract(&cov, &square(&image)),
     }
 }

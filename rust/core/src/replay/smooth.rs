@@ -4,7 +4,7 @@ use super::{Drive, End, Sink};
 use crate::belief::{Belief, Gaussian};
 use crate::error::{Error, Result};
 use crate::filter::Filter;
-use crate::linalg::{Matrix, add, apply, congruence, from_fn, gain, mul, mul_t, subtract, symmetric};
+use crate::linalg::{Matrix, add, apply, congruence, from_fn, gain, mul, mul_t, square, subtract, symmetric};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Input};
 use crate::scalar::Real;
@@ -30,8 +30,7 @@ pub fn step_back<F: Filter, D: Dynamics<N>, T: Real<Mask = bool>, const N: usize
     let (smoother, _, solved) = gain(&mul_t(&joint.root, &joint.image), &joint.cov, &news);
     let step = apply(&smoother, &news);
     let left = subtract(&joint.root, &mul(&smoother, &joint.image));
-    let (own, rest) = (mul_t(&left, &left), congruence(&smoother, &add(&joint.rest, &then)));
-    let cov = symmetric(|i, j| own[(i, j)] + rest[(i, j)]);
+    let cov = add(&square(&left), &congruence(&smoother, &add(&joint.rest, &then)));
     let x = belief.mean();
     let smoothed =
         Gaussian { mean: D::Space::normalise(&D::Space::retract(x, &step)), cov: D::Space::transport(x, &step, &cov) };

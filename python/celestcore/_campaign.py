@@ -1,0 +1,251 @@
+"""How a campaign is described to the core, and how an executor shares it."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from celestcore import _core
+from celestcore._arguments import Sigma0, count, each_checked, sigma_of
+from celestcore._check import FloatArray, warn
+from celestcore._replay import BIAS_SIGMA
+from celestcore._scores import Scores
+from celestcore.errors import InputError
+from celestcore.navigator import StarGyroNavigator
+from celestcore.simulate import Scenario
+
+Navigators: TypeAlias = "StarGyroNavigator | Mapping[str, StarGyroNavigator]"
+Progress: TypeAlias = Callable[[int, int], object]
+Each: TypeAlias = "dict[str, tuple[str, bool]]"
+"""By the name of a result: the navigator's name, and whether it is smoothed."""
+
+STARTS = ("first_fix", "drawn")
+SMOOTHED = "_smoothed"
+IN_FLIGHT = 64
+"""Tasks that wait in an executor at most: each holds a copy of the scenario."""
+
+
+class Executor(Protocol):
+    """What `monte_carlo` needs of an executor, as in `concurrent.futures`.
+
+    Examples
+    --------
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> from celestcore import monte_carlo, simulate
+    >>> truth = simulate.earth_pointing(20.0)
+    >>> scenario = simulate.Scenario(truth, simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5))
+    >>> with ThreadPoolExecutor(2) as pool:
+    ...     monte_carlo(scenario, scenario.navigator(), trials=4, executor=pool)
+    MonteCarlo(4 trials of ekf, seed 0)
+    """
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Any:
+        """Return a future of ``fn(*args)``.
+
+        Parameters
+        ----------
+        fn : callable
+            It and its arguments can be pickled.
+        *args
+            Its arguments.
+
+        Returns
+        -------
+        future
+            With a method ``result()``.
+
+        Examples
+        --------
+        >>> from concurrent.futures import ThreadPoolExecutor
+        >>> with ThreadPoolExecutor(1) as pool:
+        ...     pool.submit(max, 1, 2).result()
+        2
+        """
+
+
+@dataclass(frozen=True)
+class Job:
+    """A campaign without its trials; it can be pickled."""
+
+    flight: Mapping[str, Any]
+    estimators: list[dict[str, Any]]
+    seed: int
+    skip: float
+    threads: int
+    portable: bool
+
+    def __call__(
+        self, first: int, trials: int, progress: Progress | None = None
+    ) -> list[dict[str, Any]]:
+        return _core.monte_carlo(
+            flight=self.flight,
+            estimators=self.estimators,
+            seed=self.seed,
+            first=first,
+            count=trials,
+            skip=self.skip,
+            threads=self.threads,
+            portable=self.portable,
+            progress=progress,
+        )
+
+
+def run_part(job: Job, first: int, trials: int) -> list[dict[str, Any]]:
+    """Run some of a campaign's trials, in whatever process."""
+    return replace(job, flight=_aligned(job.flight), estimators=_aligned(job.estimators))(
+        first, trials
+    )
+
+
+def _aligned(value: Any) -> Any:
+    """Return the same with arrays that the core takes: out of a message they may lie anywhere."""
+    if isinstance(value, np.ndarray):
+        return np.require(value, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
+    if isinstance(value, Mapping):
+        return {name: _aligned(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(_aligned(item) for item in value)
+    return value
+
+
+def spread(
+    executor: Executor, job: Job, trials: tuple[int, int, int], progress: Progress | None
+) -> list[list[dict[str, Any]]]:
+    """Return the parts of a campaign in order; `trials` is the first, how many, and in a part."""
+    first, total, size = trials
+    submit = getattr(executor, "submit", None)
+    if not callable(submit):
+        raise InputError("needs submit(fn, *args), as in concurrent.futures", field="executor")
+    sizes = [min(size, total - done) for done in range(0, total, size)]
+    waiting: deque[Any] = deque()
+    out: list[list[dict[str, Any]]] = []
+    done = sent = 0
+    try:
+        while len(out) < len(sizes):
+            while len(waiting) < IN_FLIGHT and len(out) + len(waiting) < len(sizes):
+                part = sizes[len(out) + len(waiting)]
+                waiting.append(submit(run_part, job, first + sent, part))
+                sent += part
+            out.append(waiting[0].result())
+            waiting.popleft()
+            done += sizes[len(out) - 1]
+            if progress is not None:
+                progress(done, total)
+    finally:
+        for future in waiting:
+            cancel = getattr(future, "cancel", None)
+            if callable(cancel):
+                cancel()
+    return out
+
+
+def named(navigators: Navigators) -> dict[str, StarGyroNavigator]:
+    """Return navigators by name; one alone goes by its filter's."""
+    given = each_checked(navigators, "navigators", StarGyroNavigator)
+    if isinstance(given, StarGyroNavigator):
+        return {given.filter.kind: given}
+    if not given:
+        raise InputError("needs one navigator at least", field="navigators")
+    return dict(given)
+
+
+def smoothed_of(navs: Mapping[str, StarGyroNavigator], smooth: bool | Collection[str]) -> Each:
+    """Return what is estimated, in order."""
+    wanted: list[str]
+    if isinstance(smooth, bool):
+        wanted = list(navs) if smooth else []
+    else:
+        wanted = [smooth] if isinstance(smooth, str) else list(smooth)
+    for name in wanted:
+        if name not in navs:
+            known = ", ".join(navs)
+            raise InputError(f"is no navigator; they are {known}", field="smooth", value=name)
+    out: Each = {name: (name, False) for name in navs}
+    for name in wanted:
+        if name + SMOOTHED in navs:
+            raise InputError("is the name of a smoothed estimate", field=name + SMOOTHED)
+        out[name + SMOOTHED] = (name, True)
+    return out
+
+
+class Start:
+    """What each estimator starts from: its initial covariance, and 1-sigma of the bias."""
+
+    def __init__(
+        self,
+        start: str,
+        sigma0: Sigma0 | Mapping[str, Sigma0] | None,
+        navs: Mapping[str, StarGyroNavigator],
+    ) -> None:
+        if start not in STARTS:
+            known = " or ".join(STARTS)
+            raise InputError(f"must be {known}", field="start", value=start)
+        given = sigma0 if isinstance(sigma0, Mapping) else dict.fromkeys(navs, sigma0)
+        if set(given) != set(navs):
+            raise InputError(
+                f"needs one entry for each navigator: {', '.join(navs)}", field="sigma0"
+            )
+        self._drawn = start == "drawn"
+        self._sigma = {name: None if s is None else sigma_of(s) for name, s in given.items()}
+        if self._drawn and any(s is None for s in self._sigma.values()):
+            raise InputError(
+                "is needed with start='drawn': (attitude [rad], bias [rad/s])", field="sigma0"
+            )
+
+    def of(self, name: str) -> dict[str, Any]:
+        sigma = self._sigma[name]
+        bias = [BIAS_SIGMA] * 3 if sigma is None else sigma[3:].tolist()
+        drawn: FloatArray | None = None
+        if self._drawn and sigma is not None:
+            drawn = np.diag(sigma * sigma)
+        return {"covariance0": drawn, "bias_sigma": bias}
+
+
+def described(
+    scenario: Scenario, nav: StarGyroNavigator, start: Mapping[str, Any], smooth: bool
+) -> dict[str, Any]:
+    """Return an estimator as the core takes it."""
+    if nav.gyro.sampling != "hold":
+        raise InputError(
+            "simulated readings hold from their time to the next: it must be 'hold'",
+            field="gyro.sampling",
+            value=nav.gyro.sampling,
+        )
+    turn = nav.gyro._turn()
+    cameras = []
+    for name in scenario.cameras:
+        camera = nav._camera(name)
+        _, noise = camera.to_body([[1.0, 0.0, 0.0, 0.0]])
+        cameras.append((camera.mounting, noise[0].tolist()))
+    return {
+        "setup": nav._setup(nav._max_gap(scenario.truth.t)),
+        "gyro_turn": None if turn is None else turn.tolist(),
+        "cameras": cameras,
+        "smooth": smooth,
+        **start,
+    }
+
+
+def processors(threads: int | None, *, alone: bool) -> int:
+    """Return the number of threads: all processors, or one for each task of an executor."""
+    if threads is not None:
+        return count(threads, "threads")
+    if not alone:
+        return 1
+    if hasattr(os, "sched_getaffinity"):  # what this process may use, in a container too
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def warn_of_failures(scores: Mapping[str, Scores]) -> None:
+    """Warn of trials in which a filter broke down."""
+    for name, s in scores.items():
+        if s.failures:
+            trial, reason = next(iter(s.failures.items()))
+            share = f"{len(s.failures)} of {len(s)} trials"
+            warn(f"{name} broke down in {share}; trial {trial}: {reason}")

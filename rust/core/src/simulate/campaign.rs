@@ -1,0 +1,332 @@
+//! Many trials over threads, each run through several estimators.
+
+use super::rng::{Stream, channel};
+use super::score::{Flown, Score};
+use super::{GyroErrors, Readings, Scenario};
+use crate::attitude::{
+    AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, Buffers, GyroModel, GyroSeries, GyroTiming,
+    Log, Options, Rows, StarSeries, first_fix, rows, run, smooth,
+};
+use crate::error::{Error, Result};
+use crate::linalg::{Matrix, apply, cholesky_semidefinite};
+use crate::manifold::Manifold;
+use crate::quaternion::{Quaternion, conjugate, multiply, rotate};
+use crate::replay::{End, Output, Start};
+use crate::scalar::Level;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel as pipe};
+use std::time::{Duration, Instant};
+
+/// A star camera as an estimator knows it.
+#[derive(Clone, Copy, Debug)]
+pub struct KnownCamera {
+    /// Camera frame to body, `q_bc`.
+    pub mounting: Option<Quaternion<f64>>,
+    /// Covariance in the body frame, rad²: `(xx, xy, xz, yy, yz, zz)`.
+    pub noise: [f64; 6],
+}
+
+/// What an estimator starts from.
+#[derive(Clone, Debug)]
+pub enum Begin {
+    /// See [`first_fix`]; the bias starts at zero with this standard deviation, rad/s.
+    FirstFix([f64; 3]),
+    /// Truth with an error drawn from this covariance, at the first time.
+    Drawn(Box<Matrix<f64, 6, 6>>),
+}
+
+/// A filter or smoother, and what it knows of the sensors.
+#[derive(Clone, Debug)]
+pub struct Estimator {
+    /// The filter.
+    pub filter: AnyFilter,
+    /// Noise of the gyro.
+    pub model: GyroModel,
+    /// What a gyro sample says.
+    pub timing: GyroTiming,
+    /// Probability with which a good measurement passes the gate.
+    pub gate: f64,
+    /// From measured rates to rates of the body: mounting, and scale factors and misalignments taken out.
+    pub gyro_turn: Option<Matrix<f64, 3, 3>>,
+    /// One for each camera of the scenario.
+    pub cameras: Vec<KnownCamera>,
+    /// The start.
+    pub begin: Begin,
+    /// Whether to smooth.
+    pub smooth: bool,
+}
+
+/// What a campaign runs.
+#[derive(Clone, Debug)]
+pub struct Campaign<'a> {
+    /// What is flown.
+    pub scenario: Scenario<'a>,
+    /// What estimates it.
+    pub estimators: Vec<Estimator>,
+    /// Key of all random numbers.
+    pub seed: u64,
+    /// Numbers of the trials.
+    pub trials: Range<u64>,
+    /// Time left out of the scores at the start, for a smoother also at the end, s.
+    pub skip: f64,
+    /// Instruction set of the filters.
+    pub level: Level,
+}
+
+/// One estimator's result in one trial; an error if its covariance broke down.
+pub type Scored = Result<Score>;
+
+/// How often the calling thread looks up while the others work.
+const POLL: Duration = Duration::from_millis(50);
+
+/// Runs all trials, by number of the trial and then of the estimator. The same bits for any number of
+/// threads. `poll` is called on the calling thread, at least 20 times a second, with the number of
+/// trials done, and may end the campaign.
+///
+/// # Errors
+/// What `poll` returns; input that no estimator can run on. A filter that breaks down in a trial is a
+/// result, not an error.
+pub fn monte_carlo(
+    campaign: &Campaign<'_>,
+    threads: usize,
+    poll: &mut dyn FnMut(usize) -> Result<()>,
+) -> Result<Vec<Vec<Scored>>> {
+    let shared = Shared::new(campaign)?;
+    let trials = campaign.trials.end.saturating_sub(campaign.trials.start) as usize;
+    let (next, stop) = (AtomicU64::new(campaign.trials.start), AtomicBool::new(false));
+    let (send, receive) = pipe();
+    std::thread::scope(|scope| {
+        for _ in 0..threads.clamp(1, trials.max(1)) {
+            let (shared, next, stop, send) = (&shared, &next, &stop, send.clone());
+            scope.spawn(move || work(&mut Worker::new(shared, stop), next, &send));
+        }
+        drop(send);
+        let done = collect(&receive, campaign.trials.start, trials, poll);
+        stop.store(true, Ordering::Relaxed);
+        done
+    })
+}
+
+type Message = (u64, Result<Vec<Scored>>);
+
+fn work(worker: &mut Worker<'_>, next: &AtomicU64, send: &Sender<Message>) {
+    loop {
+        let trial = next.fetch_add(1, Ordering::Relaxed);
+        if trial >= worker.shared.campaign.trials.end || worker.stop.load(Ordering::Relaxed) {
+            return;
+        }
+        let result = worker.trial(trial);
+        let failed = result.is_err();
+        if send.send((trial, result)).is_err() || failed {
+            return;
+        }
+    }
+}
+
+fn collect(
+    receive: &Receiver<Message>,
+    first: u64,
+    trials: usize,
+    poll: &mut dyn FnMut(usize) -> Result<()>,
+) -> Result<Vec<Vec<Scored>>> {
+    let mut out = vec![Vec::new(); trials];
+    let mut done = 0;
+    while done < trials {
+        match receive.recv_timeout(POLL) {
+            Ok((trial, result)) => {
+                out[(trial - first) as usize] = result?;
+                done += 1;
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            // only if a thread has panicked, which the scope passes on
+            Err(RecvTimeoutError::Disconnected) => return Err(Error::Interrupted),
+        }
+        poll(done)?;
+    }
+    Ok(out)
+}
+
+/// What all threads read.
+struct Shared<'a> {
+    campaign: &'a Campaign<'a>,
+    /// Noise of each fix, by estimator and camera.
+    noise: Vec<Vec<Vec<[f64; 6]>>>,
+    /// Whether there is a fix at a time of the truth, or since the one before.
+    fixed: Vec<bool>,
+}
+
+impl<'a> Shared<'a> {
+    fn new(campaign: &'a Campaign<'a>) -> Result<Self> {
+        let (truth, cameras) = (&campaign.scenario.truth, &campaign.scenario.cameras);
+        if truth.t.is_empty() {
+            return Err(Error::Empty { field: "truth" });
+        }
+        let same = |field, found, expected| {
+            if found == expected { Ok(()) } else { Err(Error::Length { field, expected, found }) }
+        };
+        same("truth.q", truth.q.len(), truth.t.len())?;
+        same("truth.rate", truth.rate.len(), truth.t.len())?;
+        let mut fixed = vec![false; truth.t.len()];
+        for camera in cameras {
+            same("star.q", camera.q.len(), camera.t.len())?;
+            for t in camera.t {
+                if let Some(at) = fixed.get_mut(truth.t.partition_point(|s| s < t)) {
+                    *at = true;
+                }
+            }
+        }
+        let mut noise = Vec::new();
+        for e in &campaign.estimators {
+            same("estimator cameras", e.cameras.len(), cameras.len())?;
+            noise.push(e.cameras.iter().zip(cameras).map(|(k, c)| vec![k.noise; c.t.len()]).collect());
+        }
+        Ok(Self { campaign, noise, fixed })
+    }
+}
+
+/// One thread's memory.
+struct Worker<'a> {
+    shared: &'a Shared<'a>,
+    stop: &'a AtomicBool,
+    readings: Readings,
+    /// Rates and fixes in the body frame, where a mounting makes them differ from the readings.
+    rate: Vec<[f64; 3]>,
+    fixes: Vec<Vec<Quaternion<f64>>>,
+    /// Biases as an estimator sees them.
+    bias: Vec<[f64; 3]>,
+    buffers: Buffers,
+    rows: Rows,
+}
+
+impl<'a> Worker<'a> {
+    fn new(shared: &'a Shared<'a>, stop: &'a AtomicBool) -> Self {
+        let rows = Rows { output: 0, measured: 0 };
+        Self {
+            shared,
+            stop,
+            readings: Readings::default(),
+            rate: Vec::new(),
+            bias: Vec::new(),
+            fixes: vec![Vec::new(); shared.campaign.scenario.cameras.len()],
+            buffers: Buffers::new(rows, true),
+            rows,
+        }
+    }
+
+    fn trial(&mut self, trial: u64) -> Result<Vec<Scored>> {
+        let campaign = self.shared.campaign;
+        campaign.scenario.simulate(campaign.seed, trial, &mut self.readings);
+        let mut out = Vec::with_capacity(campaign.estimators.len());
+        for number in 0..campaign.estimators.len() {
+            out.push(match self.estimate(number, trial) {
+                Err(error @ Error::NotPositiveDefinite { .. }) => Err(error),
+                other => Ok(other?),
+            });
+        }
+        Ok(out)
+    }
+
+    /// Runs one estimator on the readings and scores it.
+    fn estimate(&mut self, number: usize, trial: u64) -> Result<Score> {
+        let (campaign, noise) = (self.shared.campaign, &self.shared.noise[number]);
+        let (truth, cameras) = (&campaign.scenario.truth, &campaign.scenario.cameras);
+        let e = &campaign.estimators[number];
+        let rate = turned(e.gyro_turn.as_ref(), &self.readings.rate, &mut self.rate);
+        let bias = bias_of(e.gyro_turn.as_ref(), &campaign.scenario.gyro, &self.readings.bias, &mut self.bias);
+        let kept = self.readings.fixes.iter().zip(&mut self.fixes).zip(&e.cameras);
+        let fixes: Vec<&[Quaternion<f64>]> = kept.map(|((q, own), c)| of_body(c.mounting, q, own)).collect();
+        let series: Vec<AttitudeSensor<'_>> = (fixes.iter().zip(cameras).zip(noise))
+            .map(|((q, camera), noise)| AttitudeSensor::Star(StarSeries { t: camera.t, q, noise }))
+            .collect();
+        let sensors = AttitudeSensors::new(&series, e.gate)?;
+        let gyro = GyroSeries { t: truth.t, rate, timing: e.timing };
+        let start = match &e.begin {
+            Begin::FirstFix(bias_sigma) => first_fix(&gyro, &sensors, &e.model, [0.0; 3], *bias_sigma)?,
+            Begin::Drawn(covariance) => drawn(campaign, trial, covariance, &Attitude { q: truth.q[0], bias: bias[0] }),
+        };
+        let needed = rows(&gyro, &sensors, &start, Output::Every(1))?;
+        if needed != self.rows {
+            (self.rows, self.buffers) = (needed, Buffers::new(needed, true));
+        }
+        let log = Log { model: &e.model, gyro: &gyro, sensors: &sensors };
+        let began = Instant::now();
+        let end = run_or_smooth(e, log, &start, campaign.level, &mut self.buffers, self.stop)?;
+        let seconds = began.elapsed().as_secs_f64();
+        let last = if e.smooth { truth.t[truth.t.len() - 1] - campaign.skip } else { f64::INFINITY };
+        let window = [truth.t[0] + campaign.skip, last];
+        Flown { truth, bias, fixed: &self.shared.fixed, cameras, fixes, window }.score(&self.buffers, &end, seconds)
+    }
+}
+
+/// The one place where a trial meets a filter or a smoother.
+fn run_or_smooth(
+    e: &Estimator,
+    log: Log<'_>,
+    start: &Start<AttitudeBias, 6>,
+    level: Level,
+    buffers: &mut Buffers,
+    stop: &AtomicBool,
+) -> Result<End<AttitudeBias, 6>> {
+    let options = Options { output: Output::Every(1), level };
+    let (columns, measured) = buffers.columns();
+    let mut poll = |_| if stop.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) };
+    if e.smooth {
+        smooth(&e.filter, log, start, &options, columns, measured, &mut poll)
+    } else {
+        run(&e.filter, log, start, &options, columns, measured, &mut poll)
+    }
+}
+
+/// Truth with an error drawn from the covariance; truth = start ⊞ error.
+fn drawn(
+    campaign: &Campaign<'_>,
+    trial: u64,
+    covariance: &Matrix<f64, 6, 6>,
+    truth: &Attitude<f64>,
+) -> Start<AttitudeBias, 6> {
+    let root = cholesky_semidefinite(covariance);
+    let error = apply(&root, &Stream::new(campaign.seed, trial, channel::START).normals());
+    let mean = AttitudeBias::retract(truth, &error.map(|x| -x));
+    Start { t: campaign.scenario.truth.t[0], mean, covariance: *covariance, used: None }
+}
+
+/// Rates of the gyro frame as rates of the body.
+fn turned<'a>(turn: Option<&Matrix<f64, 3, 3>>, rate: &'a [[f64; 3]], own: &'a mut Vec<[f64; 3]>) -> &'a [[f64; 3]] {
+    let Some(turn) = turn else { return rate };
+    own.clear();
+    own.extend(rate.iter().map(|w| apply(turn, w)));
+    own
+}
+
+/// True biases of the gyro as an estimator sees them, behind what it does to the readings.
+fn bias_of<'a>(
+    turn: Option<&Matrix<f64, 3, 3>>,
+    gyro: &GyroErrors,
+    bias: &'a [[f64; 3]],
+    own: &'a mut Vec<[f64; 3]>,
+) -> &'a [[f64; 3]] {
+    if turn.is_none() && gyro.mounting.is_none() {
+        return bias;
+    }
+    let back = gyro.mounting.map(|m| conjugate(&m));
+    own.clear();
+    own.extend(bias.iter().map(|b| {
+        let read = back.map_or(*b, |q| rotate(&q, b));
+        turn.map_or(read, |turn| apply(turn, &read))
+    }));
+    own
+}
+
+/// Fixes of a camera as fixes of the body.
+fn of_body<'a>(
+    mounting: Option<Quaternion<f64>>,
+    q: &'a [Quaternion<f64>],
+    own: &'a mut Vec<Quaternion<f64>>,
+) -> &'a [Quaternion<f64>] {
+    let Some(m) = mounting else { return q };
+    let back = conjugate(&m);
+    own.clear();
+    own.extend(q.iter().map(|q| multiply(q, &back)));
+    own
+}

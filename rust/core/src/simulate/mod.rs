@@ -1,0 +1,59 @@
+//! Seeded simulation of a gyro and star cameras, and campaigns of many trials.
+
+mod camera;
+mod campaign;
+mod gyro;
+pub(crate) mod rng;
+mod score;
+
+pub use camera::StarNoise;
+pub use campaign::{Begin, Campaign, Estimator, KnownCamera, Scored, monte_carlo};
+pub use gyro::GyroErrors;
+pub use rng::{MAX_TRIAL, Stream, channel};
+pub use score::Score;
+
+use crate::quaternion::Quaternion;
+
+/// An attitude history.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth<'a> {
+    /// Times, s, increasing.
+    pub t: &'a [f64],
+    /// Attitudes `q_ib` then.
+    pub q: &'a [Quaternion<f64>],
+    /// Mean rates, rad/s, body frame, from each time to the next; what would hold after the last.
+    pub rate: &'a [[f64; 3]],
+}
+
+/// What is flown, with which sensors.
+#[derive(Clone, Debug)]
+pub struct Scenario<'a> {
+    /// The attitude.
+    pub truth: Truth<'a>,
+    /// The gyro's errors.
+    pub gyro: GyroErrors,
+    /// The star cameras.
+    pub cameras: Vec<StarNoise<'a>>,
+}
+
+/// What the sensors of one trial report. Memory is reused from trial to trial.
+#[derive(Clone, Debug, Default)]
+pub struct Readings {
+    /// Rates, gyro frame, rad/s, one for each time of the truth; each holds from its time to the next.
+    pub rate: Vec<[f64; 3]>,
+    /// Biases, body frame, rad/s: bias and drift at each time.
+    pub bias: Vec<[f64; 3]>,
+    /// Fixes `q_ic` of each camera.
+    pub fixes: Vec<Vec<Quaternion<f64>>>,
+}
+
+impl Scenario<'_> {
+    /// One trial: the same bits for the same seed and trial, in any order and on any thread.
+    pub fn simulate(&self, seed: u64, trial: u64, out: &mut Readings) {
+        self.gyro.simulate(&self.truth, seed, trial, &mut out.rate, &mut out.bias);
+        out.fixes.resize_with(self.cameras.len(), Vec::new);
+        for (place, (camera, fixes)) in self.cameras.iter().zip(&mut out.fixes).enumerate() {
+            camera.simulate(&mut Stream::new(seed, trial, channel::STAR + place as u8), fixes);
+        }
+    }
+}
