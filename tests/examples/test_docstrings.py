@@ -12,6 +12,7 @@ import pkgutil
 import re
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -131,3 +132,15 @@ def test_raises_what_exists(name: str) -> None:
     assert heads, f"{name}: the Raises section names no exception"
     for head in ",".join(heads).replace(" ", "").split(","):
         assert hasattr(celestcore, head) or hasattr(__import__("builtins"), head), head
+
+
+REFERENCE = (Path(__file__).resolve().parents[2] / "docs" / "reference.md").read_text()
+LISTED = set(re.findall(r"^::: (celestcore\S*)$", REFERENCE, re.M))
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_stands_in_the_reference(name: str) -> None:
+    """The reference lists it, or its class or module."""
+    item = SHOWN[name]
+    own = item.__qualname__.partition(".")[0]
+    assert item.__module__ in LISTED or any(way.endswith(f".{own}") for way in LISTED), name
