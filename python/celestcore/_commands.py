@@ -67,8 +67,15 @@ def replay(
     sample: Sample = None,
     kind: Annotated[
         Optional[str],  # noqa: UP045
-        typer.Option("--filter", metavar="ekf|ukf|srukf", help="Filter; the log's, or ekf."),
+        typer.Option(
+            "--filter",
+            metavar="KIND",
+            help="ekf, ukf, srukf, iterated, invariant or literal; the log's, or ekf.",
+        ),
     ] = None,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Go forward and back: for work on the ground.")
+    ] = False,
     config: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option("--config", metavar="FILE.toml", help="Settings that win over the log's."),
@@ -106,7 +113,7 @@ def replay(
 ) -> None:
     """Estimate attitude and gyro bias over a whole log."""
     request = cli.Replay(
-        log, sample, kind, config, gate, period, withhold, output, report, json_file
+        log, sample, kind, config, gate, period, withhold, output, report, json_file, smooth
     )
     request.check()
     sensors, settings = request.load()
@@ -238,7 +245,7 @@ def _show_replay(console: Console, result: dict[str, Any]) -> None:
     table.add_column(style="bold")
     table.add_column(justify="right")
     rows = [
-        ("filter", result["filter"]),
+        ("filter", result["filter"] + (", smoothed" if result["smoothed"] else "")),
         ("time covered", spell_time(result["span_s"])),
         ("gyro samples", f"{counts['samples']:,}"),
         ("fixes used", f"{counts['accepted']:,} of {counts['fixes']:,}"),

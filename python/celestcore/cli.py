@@ -121,6 +121,7 @@ class Replay:
     output: Path | None = None
     report: Path | None = None
     json: str | None = None
+    smooth: bool = False
 
     def check(self) -> None:
         """Refuse what cannot be written, before anything is computed.
@@ -133,6 +134,10 @@ class Replay:
         MissingDependencyError
             If a package that an output needs is not installed.
         """
+        if self.smooth and self.period is not None:
+            raise InputError(
+                "does not go with --smooth, which writes at gyro samples", field="--period"
+            )
         targets: dict[Path, str] = {}
         for option, path in self._outputs():
             target = check_output(path, option)
@@ -185,10 +190,11 @@ class Replay:
         return log, settings.merged(options)
 
     def run(self, log: SensorLog, settings: Settings, progress: Progress | None = None) -> Solution:
-        """Run the filter over the log."""
-        return settings.navigator().run(
-            log, sigma0=settings.sigma0(), period=self.period, progress=progress
-        )
+        """Run the filter over the log, and back over it if asked to."""
+        nav = settings.navigator()
+        if self.smooth:
+            return nav.smooth(log, sigma0=settings.sigma0(), progress=progress)
+        return nav.run(log, sigma0=settings.sigma0(), period=self.period, progress=progress)
 
     def drift(self, log: SensorLog, settings: Settings) -> WithheldDrift | None:
         """Run the withheld-window test, if it was asked for."""

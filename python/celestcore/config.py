@@ -9,7 +9,8 @@ table                 keys
 ``[star]``,           sigma [rad] or sigma_arcsec, or covariance [rad^2]; mounting, frame
 ``[star_NAME]``
 ``[vector_NAME]``     sigma [rad] or sigma_deg or sigma_arcsec; mounting, frame
-``[filter]``          kind (ekf, ukf, srukf), integrator; alpha, beta, kappa (ukf, srukf)
+``[filter]``          kind (ekf, ukf, srukf, iterated, invariant, literal), integrator;
+                      alpha, beta, kappa (ukf, srukf, literal)
 ``[gate]``            probability
 ``[start]``           sigma_attitude [rad] or sigma_attitude_arcsec; sigma_bias [rad/s]
 ====================  ==========================================================================
@@ -56,8 +57,12 @@ _KEYS: dict[str, dict[str, str]] = {
     "start": dict.fromkeys(("sigma_attitude", "sigma_attitude_arcsec", "sigma_bias"), "number"),
 }
 _UNITS = {"_arcsec": ARCSEC, "_deg": DEG}
-_CHOICES = {"kind": ("ekf", "ukf", "srukf"), "integrator": ("exponential", "rk4")}
+_CHOICES = {
+    "kind": ("ekf", "ukf", "srukf", "iterated", "invariant", "literal"),
+    "integrator": ("exponential", "rk4"),
+}
 _SIGMA_POINT_KEYS = ("alpha", "beta", "kappa")
+_SIGMA_POINT_KINDS = ("ukf", "srukf", "literal")
 
 
 @dataclass(frozen=True)
@@ -306,12 +311,12 @@ max_gap=None, gap_rate_sigma=0.001)
         >>> Settings.from_dict({"filter": {"kind": "srukf"}}).filter()
         SRUKF(alpha=1.0, beta=2.0, kappa=None, integrator='exponential')
         """
-        from celestcore.filters import EKF, SRUKF, UKF
+        from celestcore import filters
 
         self._check_filter("ekf")
         options = dict(self.tables.get("filter", {}))
         kind = options.pop("kind", "ekf")
-        classes: dict[str, Any] = {"ekf": EKF, "ukf": UKF, "srukf": SRUKF}
+        classes = {c.kind: c for c in (getattr(filters, name) for name in filters.__all__)}
         return classes[kind](**options)
 
     def navigator(self) -> StarGyroNavigator:
@@ -367,10 +372,11 @@ max_gap=None, gap_rate_sigma=0.001)
                 raise InputError(
                     f"must be one of {', '.join(known)}", field=f"filter.{key}", value=values[key]
                 )
-        for key in _SIGMA_POINT_KEYS if values.get("kind", default) == "ekf" else ():
+        kind = values.get("kind", default)
+        for key in _SIGMA_POINT_KEYS if kind and kind not in _SIGMA_POINT_KINDS else ():
             if key in values:
                 raise InputError(
-                    "is an option of the kinds ukf and srukf only; set kind or remove it",
+                    "is an option of the kinds ukf, srukf and literal; set kind or remove it",
                     field=f"filter.{key}",
                     value=values[key],
                 )

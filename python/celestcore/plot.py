@@ -181,7 +181,8 @@ def _sigma(
     for k, (colour, name) in enumerate(AXES_COLOURS):
         keep = extremes(sigma[:, k])
         ax.plot(time(solution.t[keep]), sigma[keep, k], color=colour, lw=1.0, label=f"body {name}")
-    ax.set_title("Attitude error predicted by the filter (1 sigma, about each body axis)")
+    by = "smoother" if solution.smoothed else "filter"
+    ax.set_title(f"Attitude error predicted by the {by} (1 sigma, about each body axis)")
     ax.set_ylabel("1 sigma [arcsec]")
     if sigma.max() > 30.0 * max(float(np.median(sigma)), 1e-12):
         _log_scale(ax)
@@ -294,7 +295,7 @@ def _name(solution: Solution, sensor: int) -> str:
 def _title(solution: Solution) -> str:
     parts = [solution.title or "Attitude solution"]
     if solution.filter:
-        parts.append(solution.filter.upper())
+        parts.append(solution.filter.upper() + (", smoothed" if solution.smoothed else ""))
     return ", ".join(parts)
 
 

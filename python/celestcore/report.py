@@ -193,7 +193,7 @@ def _run_table(
         ("Log", result["log"] or "unnamed"),
         ("Start (t = 0)", solution.epoch or "not given"),
         ("Length", spell_time(result["span_s"])),
-        ("Filter", _FILTERS.get(solution.filter.lower(), solution.filter or "unknown")),
+        ("Filter", _filter(solution)),
         *settings.items(),
         ("Fixes that set the start", f"{counts['start']:,}"),
         ("Missing measurements (NaN)", f"{counts['missing']:,}"),
@@ -345,6 +345,11 @@ def _speed(per_second: float | None) -> str:
         return "n/a"
     big = per_second >= 1e5
     return f"{per_second / 1e6:.3g} million" if big else f"{per_second:,.0f}"
+
+
+def _filter(solution: Solution) -> str:
+    name = _FILTERS.get(solution.filter.lower(), solution.filter or "unknown")
+    return f"{name}, forward and back: not causal" if solution.smoothed else name
 
 
 _FILTERS = {

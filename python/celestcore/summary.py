@@ -51,6 +51,7 @@ def summary(
         JSON-ready: plain numbers, strings, lists; what cannot be computed is None.
 
         - ``log``, ``filter``, ``version``: title, filter and package version
+        - ``smoothed``: whether every row knows the fixes after it, too
         - ``gate``: as given
         - ``counts``: samples, fixes (= accepted + rejected + start + outside), accepted,
           rejected, start (fixes that set the start), missing, gaps, outside
@@ -68,6 +69,7 @@ def summary(
     out: dict[str, Any] = {
         "log": solution.title or (log.title if log is not None else None),
         "filter": solution.filter,
+        "smoothed": solution.smoothed,
         "gate": gate,
         "version": package_version(),
         "counts": {name: int(solution.counts.get(name, 0)) for name in names},

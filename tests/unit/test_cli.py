@@ -332,3 +332,31 @@ def test_importing_the_entry_point_needs_numpy_only() -> None:
     code = f"import sys, celestcore.cli; print([m for m in '{heavy}'.split() if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_smoothing_knows_the_fixes_to_come(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+) -> None:
+    sigma = {}
+    for option in ((), ("--smooth",)):
+        out = tmp_path / f"out{len(option)}.parquet"
+        code, _, _ = run(capsys, "replay", log, *option, "-o", out, "--json", tmp_path / "r.json")
+        assert code == 0
+        result = json.loads((tmp_path / "r.json").read_text())
+        assert result["smoothed"] is bool(option)
+        sigma[option] = parquet.read_table(out).column("s_az").to_numpy()
+    assert (sigma["--smooth",][:-1] < sigma[()][:-1]).all()
+    assert sigma["--smooth",][-1] == sigma[()][-1]
+
+
+def test_smoothing_writes_at_samples(capsys: pytest.CaptureFixture[str], log: Path) -> None:
+    assert "--period: does not go with --smooth" in fails(
+        capsys, "replay", log, "--smooth", "--period", 5
+    )
+
+
+@pytest.mark.parametrize("kind", ["iterated", "invariant", "literal"])
+def test_every_filter_replays(capsys: pytest.CaptureFixture[str], log: Path, kind: str) -> None:
+    code, out, _ = run(capsys, "replay", log, "--filter", kind, "--json", "-")
+    assert code == 0
+    assert json.loads(out)["filter"] == kind

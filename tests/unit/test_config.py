@@ -169,7 +169,7 @@ BAD: dict[str, tuple[Any, str, str]] = {
     "vector sigma": ({"vector_m": {"sigma_deg": -1}}, "vector_m.sigma", "greater than 0"),
     "kind": ({"filter": {"kind": "EKF"}}, "filter.kind", "ekf, ukf, srukf"),
     "integrator": ({"filter": {"integrator": "euler"}}, "filter.integrator", "exponential, rk4"),
-    "alpha of ekf": ({"filter": {"kind": "ekf", "alpha": 1}}, "filter.alpha", "ukf and srukf"),
+    "alpha of ekf": ({"filter": {"kind": "ekf", "alpha": 1}}, "filter.alpha", "srukf and literal"),
     "percent": ({"gate": {"probability": 99.9}}, "gate.probability", "between 0 and 1"),
     "probability 0": ({"gate": {"probability": 0}}, "gate.probability", "between 0 and 1"),
     "probability nan": ({"gate": {"probability": math.nan}}, "gate.probability", "between"),
@@ -240,7 +240,7 @@ def test_merging_another_filter_drops_the_options_of_the_first(tmp_path: Path) -
     assert base.merged({"filter": {"kind": "ukf"}}) == base
     only_alpha = Settings.from_dict({"filter": {"alpha": 0.1}})
     assert base.merged(only_alpha).tables["filter"]["alpha"] == 0.1
-    with pytest.raises(InputError, match="ukf and srukf"):
+    with pytest.raises(InputError, match="srukf and literal"):
         only_alpha.filter()
     by_rk4 = Settings.from_dict({"filter": {"kind": "ekf", "integrator": "rk4"}}).filter()
     assert by_rk4.integrator == "rk4"

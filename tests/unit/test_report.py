@@ -24,6 +24,7 @@ def test_summary_has_the_promised_keys(solution: Solution) -> None:
     assert list(result) == [
         "log",
         "filter",
+        "smoothed",
         "gate",
         "version",
         "counts",
