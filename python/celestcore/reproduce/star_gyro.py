@@ -176,6 +176,7 @@ class Result:
             f"{name}_{key}": self.figures(name, metric).reshape(-1, 3)
             for name in self.scores
             for key, metric in (("10hz", "everywhere"), ("before", "before"))
+            if (name, key) != ("smoothed", "before")  # a smoother has no prediction
         }
         errors = {f"{name}_se": score.standard_error() for name, score in self.scores.items()}
         scatter = self.theory.scatter_filter / np.sqrt(self.runs)

@@ -2,15 +2,14 @@
 
 use crate::convert::{Array, matrix6, table};
 use crate::errors::raise;
+use crate::listener::Listener;
 use crate::replay::Setup;
 use crate::simulate::{Flight, check_trials, matrix};
-use celestcore_core::Error;
 use celestcore_core::scalar::Level;
 use celestcore_core::simulate::{Begin, Campaign, Estimator, KnownCamera, Score, Scored, monte_carlo as run};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::time::{Duration, Instant};
 
 /// An estimator as the Python package describes it.
 #[derive(FromPyObject)]
@@ -73,11 +72,9 @@ fn monte_carlo<'py>(
     let level = if portable { Level::Portable } else { Level::best() };
     let campaign =
         Campaign { scenario: flight.scenario()?, estimators, seed, trials: first..first + count, skip, level };
-    let mut listener = Listener { progress, total: count, heard: Instant::now(), stopped: None };
+    let mut listener = Listener::new(progress, count as usize);
     let done = py.detach(|| run(&campaign, threads, &mut |done| listener.poll(done)));
-    if let Some(error) = listener.stopped {
-        return Err(error);
-    }
+    listener.finish()?;
     let done = done.map_err(|e| raise(py, e))?;
     (0..campaign.estimators.len()).map(|e| columns(py, done.iter().map(|trial| &trial[e]))).collect()
 }
@@ -116,37 +113,6 @@ fn columns<'py, 'a>(py: Python<'py>, scored: impl Iterator<Item = &'a Scored>) -
         scored.iter().enumerate().filter_map(|(i, s)| s.as_ref().err().map(|e| (i, e.to_string()))).collect();
     out.set_item("failures", failed)?;
     Ok(out)
-}
-
-/// How often Python hears of a campaign.
-const POLL: Duration = Duration::from_millis(50);
-
-/// Lets Python handle Ctrl-C and hear of the progress while threads work without it.
-struct Listener {
-    progress: Option<Py<PyAny>>,
-    total: u64,
-    heard: Instant,
-    stopped: Option<PyErr>,
-}
-
-impl Listener {
-    fn poll(&mut self, done: usize) -> celestcore_core::Result<()> {
-        if self.heard.elapsed() < POLL && (done as u64) < self.total {
-            return Ok(());
-        }
-        self.heard = Instant::now();
-        let heard = Python::attach(|py| {
-            py.check_signals()?;
-            match &self.progress {
-                Some(call) => call.call1(py, (done, self.total)).map(|_| ()),
-                None => Ok(()),
-            }
-        });
-        heard.map_err(|error| {
-            self.stopped = Some(error);
-            Error::Interrupted
-        })
-    }
 }
 
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -6,6 +6,7 @@ mod campaign;
 mod columns;
 mod convert;
 mod errors;
+mod listener;
 mod quaternions;
 mod replay;
 mod simulate;

@@ -3,6 +3,7 @@
 use crate::columns::Arrays;
 use crate::convert::{Array, as_rows, flat, matrix6, rows, table};
 use crate::errors::{input, raise};
+use crate::listener::Listener;
 use crate::quaternions::integrator;
 use celestcore_core::Error;
 use celestcore_core::attitude::{
@@ -17,7 +18,7 @@ use numpy::PyArray1;
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Filter and gyro as the Python package describes them.
 #[derive(FromPyObject)]
@@ -119,9 +120,6 @@ impl<'py> Sensor<'py> {
     }
 }
 
-/// How often Python hears of a run: often enough for Ctrl-C, seldom enough not to wait for other threads.
-const POLL: Duration = Duration::from_millis(50);
-
 /// What a run starts from as Python gives it.
 type Given<'py> = Option<(f64, [f64; 4], Array<'py>)>;
 
@@ -187,7 +185,7 @@ impl<'py> Replayed<'py> {
         })?;
         let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
         let progress = self.progress.as_ref().map(|p| p.clone_ref(py));
-        let mut listener = Listener { progress, total: passes * gyro.t.len(), heard: Instant::now(), stopped: None };
+        let mut listener = Listener::new(progress, passes * gyro.t.len());
         let (end, elapsed) = arrays.write(|columns, measured| {
             let listener = &mut listener;
             py.detach(|| {
@@ -197,9 +195,7 @@ impl<'py> Replayed<'py> {
                 (end, began.elapsed().as_secs_f64())
             })
         })?;
-        if let Some(error) = listener.stopped {
-            return Err(error);
-        }
+        listener.finish()?;
         let end = end.map_err(|e| raise(py, e))?;
         let out = arrays.into_dict(py)?;
         out.set_item("start_fix", start.used.map(|i| sensors.source(i)))?;
@@ -278,34 +274,6 @@ fn finish(
     out.set_item("final_t", t)?;
     out.set_item("final_q", PyArray1::from_slice(py, &mean.q))?;
     out.set_item("final_bias", PyArray1::from_slice(py, &mean.bias))
-}
-
-/// Lets Python handle Ctrl-C and hear of the progress while a run goes on without it.
-struct Listener {
-    progress: Option<Py<PyAny>>,
-    total: usize,
-    heard: Instant,
-    stopped: Option<PyErr>,
-}
-
-impl Listener {
-    fn poll(&mut self, done: usize) -> celestcore_core::Result<()> {
-        if self.heard.elapsed() < POLL {
-            return Ok(());
-        }
-        self.heard = Instant::now();
-        let heard = Python::attach(|py| {
-            py.check_signals()?;
-            match &self.progress {
-                Some(call) => call.call1(py, (done, self.total)).map(|_| ()),
-                None => Ok(()),
-            }
-        });
-        heard.map_err(|error| {
-            self.stopped = Some(error);
-            Error::Interrupted
-        })
-    }
 }
 
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
