@@ -31,10 +31,41 @@ IN_FLIGHT = 64
 
 
 class Executor(Protocol):
-    """What `monte_carlo` needs of an executor, as in `concurrent.futures`."""
+    """What `monte_carlo` needs of an executor, as in `concurrent.futures`.
+
+    Examples
+    --------
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> from celestcore import monte_carlo, simulate
+    >>> truth = simulate.earth_pointing(20.0)
+    >>> scenario = simulate.Scenario(truth, simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5))
+    >>> with ThreadPoolExecutor(2) as pool:
+    ...     monte_carlo(scenario, scenario.navigator(), trials=4, executor=pool)
+    MonteCarlo(4 trials of ekf, seed 0)
+    """
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Any:
-        """Return a future of ``fn(*args)``, with a method ``result()``."""
+        """Return a future of ``fn(*args)``.
+
+        Parameters
+        ----------
+        fn : callable
+            It and its arguments can be pickled.
+        *args
+            Its arguments.
+
+        Returns
+        -------
+        future
+            With a method ``result()``.
+
+        Examples
+        --------
+        >>> from concurrent.futures import ThreadPoolExecutor
+        >>> with ThreadPoolExecutor(1) as pool:
+        ...     pool.submit(max, 1, 2).result()
+        2
+        """
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,16 @@ class Pooled:
         Standard errors of the numbers above, by name.
     trials, failed : int
         How many there are, and how many of them are left out because the filter broke down.
+
+    Examples
+    --------
+    >>> from celestcore import monte_carlo, simulate
+    >>> truth = simulate.earth_pointing(20.0)
+    >>> scenario = simulate.Scenario(truth, simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5))
+    >>> result = monte_carlo(scenario, scenario.navigator(), trials=3)
+    >>> pooled = result["ekf"].pooled()
+    >>> pooled.rms.shape, bool((pooled.error["rms"] > 0.0).all())
+    ((3,), True)
     """
 
     rms: FloatArray
@@ -92,6 +102,15 @@ class Scores:
     Notes
     -----
     Of a smoother, `rms_before`, `nis` and `accepted` are those of its forward filter.
+
+    Examples
+    --------
+    >>> from celestcore import monte_carlo, simulate
+    >>> truth = simulate.earth_pointing(20.0)
+    >>> scenario = simulate.Scenario(truth, simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5))
+    >>> result = monte_carlo(scenario, scenario.navigator(), trials=3)
+    >>> result["ekf"].rms.shape, result["ekf"].trial
+    ((3, 3), array([0, 1, 2]))
     """
 
     trial: NDArray[np.int64]
@@ -199,7 +218,22 @@ class MonteCarlo(Mapping[str, Scores]):
         return f"MonteCarlo({self.trials} trials of {', '.join(self)}, seed {self.seed})"
 
     def pooled(self) -> dict[str, Pooled]:
-        """Return each estimator's numbers over all trials; see `Scores.pooled`."""
+        """Return each estimator's numbers over all trials; see `Scores.pooled`.
+
+        Returns
+        -------
+        dict of str to Pooled
+
+        Examples
+        --------
+        >>> from celestcore import monte_carlo, simulate
+        >>> truth = simulate.earth_pointing(20.0)
+        >>> gyro, star = simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5)
+        >>> scenario = simulate.Scenario(truth, gyro, star)
+        >>> result = monte_carlo(scenario, scenario.navigator(), trials=3)
+        >>> list(result.pooled())
+        ['ekf']
+        """
         return {name: scores.pooled() for name, scores in self.items()}
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -216,6 +250,16 @@ class MonteCarlo(Mapping[str, Scores]):
         ------
         MissingDependencyError
             Without pandas.
+
+        Examples
+        --------
+        >>> from celestcore import monte_carlo, simulate
+        >>> truth = simulate.earth_pointing(20.0)
+        >>> gyro, star = simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5)
+        >>> scenario = simulate.Scenario(truth, gyro, star)
+        >>> result = monte_carlo(scenario, scenario.navigator(), trials=3)
+        >>> result.to_dataframe()["trial"].tolist()
+        [0, 1, 2]
         """
         pandas = require("pandas", extra="pandas", what="a data frame")
         frame: pd.DataFrame = pandas.concat(

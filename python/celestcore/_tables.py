@@ -41,6 +41,13 @@ class Table:
         How many rows were dropped because the measurement was NaN or infinite.
     kept : ndarray (n,) or None
         The row numbers that were kept; None if nothing was dropped.
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> log = cc.SensorLog(gyro=([0.0, 0.1, 0.2], [[0.0, 0.0, 0.1], [float("nan")] * 3, [0.0] * 3]))
+    >>> log.gyro, log.gyro.rows
+    (GyroTable(2 rows, 1 missing), array([0, 2]))
     """
 
     t: FloatArray
@@ -66,7 +73,14 @@ class Table:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class GyroTable(Table):
-    """Gyro samples: `rate` (n, 3) rad/s, gyro frame."""
+    """Gyro samples: `rate` (n, 3) rad/s, gyro frame.
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> cc.SensorLog(gyro=([0.0, 0.1], [[0.0, 0.0, 0.1]] * 2)).gyro.rate.shape
+    (2, 3)
+    """
 
     rate: FloatArray
 
@@ -79,6 +93,13 @@ class StarTable(Table):
     """Star-camera fixes: `q` (n, 4) unit, scalar first, camera to inertial.
 
     Noise per fix, camera frame: `sigma` (n, 3) rad, or `covariance` (n, 3, 3) rad^2, or neither.
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> log = cc.SensorLog(star=([0.0, 1.0], [[1.0, 0.0, 0.0, 0.0]] * 2, 1e-5))
+    >>> log.stars["star"].noise.shape
+    (2, 3)
     """
 
     q: FloatArray
@@ -97,7 +118,15 @@ class StarTable(Table):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class VectorTable(Table):
-    """Directions: `body` (n, 3) unit, sensor frame; `inertial` (n, 3) unit; `sigma` (n,) rad."""
+    """Directions: `body` (n, 3) unit, sensor frame; `inertial` (n, 3) unit; `sigma` (n,) rad.
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> log = cc.SensorLog(vector_sun=([0.0], [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
+    >>> log.vectors["sun"].body
+    array([[0., 0., 1.]])
+    """
 
     body: FloatArray
     inertial: FloatArray
@@ -110,7 +139,14 @@ class VectorTable(Table):
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class GnssTable(Table):
-    """GNSS fixes, Earth-fixed: position `r` (n, 3) m and velocity `v` (n, 3) m/s or None."""
+    """GNSS fixes, Earth-fixed: position `r` (n, 3) m and velocity `v` (n, 3) m/s or None.
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> cc.SensorLog(gnss=([0.0], [[7e6, 0.0, 0.0]])).gnss.r.shape
+    (1, 3)
+    """
 
     r: FloatArray
     v: FloatArray | None = None

@@ -239,6 +239,12 @@ class CameraModel:
         Observations
             Frames with fewer than two stars give no fix and are counted.
 
+        Raises
+        ------
+        InputError
+            Names the field and the row: attitudes that are not unit quaternions, frames outside the
+            truth.
+
         Notes
         -----
         The fixes of several cameras go into one log as ``star_1``, ``star_2``; or rotate their

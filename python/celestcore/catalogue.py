@@ -70,7 +70,23 @@ class StarCatalogue:
     def from_radec(
         cls, right_ascension: ArrayLike, declination: ArrayLike, magnitude: ArrayLike
     ) -> StarCatalogue:
-        """Make a catalogue of right ascensions and declinations (n,) [rad] and magnitudes.
+        """Make a catalogue from right ascensions and declinations.
+
+        Parameters
+        ----------
+        right_ascension, declination : array_like (n,)
+            Of apparent directions [rad].
+        magnitude : array_like (n,)
+            Visual magnitudes.
+
+        Returns
+        -------
+        StarCatalogue
+
+        Raises
+        ------
+        InputError
+            Names the field and the row.
 
         Examples
         --------
@@ -97,6 +113,11 @@ class StarCatalogue:
             About 1600 reach magnitude 5, 5000 magnitude 6, 15 000 magnitude 7.
         seed : int
             Same seed, same sky.
+
+        Raises
+        ------
+        InputError
+            If a number is negative or not whole.
 
         Examples
         --------

@@ -9,7 +9,8 @@ table                 keys
 ``[star]``,           sigma [rad] or sigma_arcsec, or covariance [rad^2]; mounting, frame
 ``[star_NAME]``
 ``[vector_NAME]``     sigma [rad] or sigma_deg or sigma_arcsec; mounting, frame
-``[filter]``          kind (ekf, ukf, srukf), integrator; alpha, beta, kappa (ukf, srukf)
+``[filter]``          kind (ekf, ukf, srukf, iterated, invariant, literal), integrator;
+                      alpha, beta, kappa (ukf, srukf, literal)
 ``[gate]``            probability
 ``[start]``           sigma_attitude [rad] or sigma_attitude_arcsec; sigma_bias [rad/s]
 ====================  ==========================================================================
@@ -87,10 +88,29 @@ max_gap=None, gap_rate_sigma=0.001)
     def from_toml(cls, path: str | os.PathLike[str]) -> Settings:
         """Read and check a TOML file.
 
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        Settings
+
         Raises
         ------
         InputError
             If it cannot be read or a key or value is wrong; names the file, the key, the value.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = Path(folder, "mine.toml")
+        ...     _ = file.write_text("gyro.arw = 1e-6")
+        ...     Settings.from_toml(file).gyro().arw
+        1e-06
         """
         document = load_toml(path)
         try:
@@ -102,10 +122,24 @@ max_gap=None, gap_rate_sigma=0.001)
     def from_dict(cls, document: Mapping[str, Any]) -> Settings:
         """Check settings given as a mapping of tables.
 
+        Parameters
+        ----------
+        document : mapping of str to mapping
+            Tables and their keys, as in a TOML file.
+
+        Returns
+        -------
+        Settings
+
         Raises
         ------
         InputError
             Names the key and the value; for an unknown key the known ones.
+
+        Examples
+        --------
+        >>> Settings.from_dict({"gyro": {"arw": 1e-6}, "star": {"sigma_arcsec": 5.0}}).gyro().arw
+        1e-06
         """
         settings = cls({str(name): _checked(str(name), t) for name, t in document.items()})
         settings._check_values()
@@ -113,13 +147,56 @@ max_gap=None, gap_rate_sigma=0.001)
 
     @classmethod
     def from_log(cls, log: SensorLog) -> Settings:
-        """Return the settings that came with a log."""
+        """Return the settings that came with a log.
+
+        Parameters
+        ----------
+        log : SensorLog
+            The log.
+
+        Returns
+        -------
+        Settings
+
+        Raises
+        ------
+        InputError
+            Names the key and the value.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> Settings.from_log(cc.sample("fermi")).gyro().sampling
+        'average'
+        """
         return cls.from_dict(log.settings)
 
     def merged(self, over: Settings | Mapping[str, Any]) -> Settings:
         """Return these settings with those of `over` put on top, key by key.
 
         Noise, and another kind of filter, replace what was there whatever its unit.
+
+        Parameters
+        ----------
+        over : Settings or mapping
+            What goes on top.
+
+        Returns
+        -------
+        Settings
+            New ones; neither of both is changed.
+
+        Raises
+        ------
+        InputError
+            Names the key and the value.
+
+        Examples
+        --------
+        >>> own = Settings.from_dict({"gyro": {"arw": 1e-6, "rrw": 1e-9}})
+        >>> both = own.merged({"gyro": {"arw": 2e-6}, "filter": {"kind": "ukf"}})
+        >>> both.gyro().arw, both.gyro().rrw, both.filter().kind
+        (2e-06, 1e-09, 'ukf')
         """
         top = over if isinstance(over, Settings) else Settings.from_dict(over)
         tables = copy.deepcopy(self.tables)
@@ -136,7 +213,18 @@ max_gap=None, gap_rate_sigma=0.001)
         return merged
 
     def gyro(self) -> Gyro:
-        """Return the gyro that ``[gyro]`` describes."""
+        """Return the gyro that ``[gyro]`` describes.
+
+        Raises
+        ------
+        InputError
+            If its angle random walk is not given.
+
+        Examples
+        --------
+        >>> Settings.from_dict({"gyro": {"arw": 1e-6}}).gyro().rrw
+        0.0
+        """
         values = self.tables.get("gyro", {})
         if "arw" not in values:
             raise InputError(
@@ -147,11 +235,29 @@ max_gap=None, gap_rate_sigma=0.001)
         return _gyro(values)
 
     def stars(self) -> dict[str, StarCamera]:
-        """Return the star cameras by table name, ``star``, ``star_1`` ..."""
+        """Return the star cameras by table name, ``star``, ``star_1`` ...
+
+        Examples
+        --------
+        >>> two = Settings.from_dict({"star_1": {"sigma": 1e-5}, "star_2": {"sigma": 2e-5}})
+        >>> sorted(two.stars())
+        ['star_1', 'star_2']
+        """
         return {n: _star(n, v) for n, v in self.tables.items() if table_kind(n) == "star"}
 
     def vectors(self) -> dict[str, VectorSensor]:
-        """Return the direction sensors by name, without ``vector_``."""
+        """Return the direction sensors by name, without ``vector_``.
+
+        Raises
+        ------
+        InputError
+            If the noise of one is not given.
+
+        Examples
+        --------
+        >>> Settings.from_dict({"vector_sun": {"sigma": 1e-3}}).vectors()["sun"].sigma
+        0.001
+        """
         found = {n: v for n, v in self.tables.items() if table_kind(n) == "vector"}
         for name, values in found.items():
             if "sigma" not in values:
@@ -162,12 +268,29 @@ max_gap=None, gap_rate_sigma=0.001)
         return {n.removeprefix("vector_"): _vector(n, v) for n, v in found.items()}
 
     def gate(self) -> float | None:
-        """Return the probability of the chi-square gate, None for no gate."""
+        """Return the probability of the chi-square gate, None for no gate.
+
+        Examples
+        --------
+        >>> Settings.from_dict({"gate": {"probability": 0.999}}).gate()
+        0.999
+        """
         value = self.tables.get("gate", {}).get("probability")
         return None if value is None else float(value)
 
     def sigma0(self) -> tuple[float, float] | None:
-        """Return the start's 1-sigma attitude [rad] and bias [rad/s], None if not given."""
+        """Return the start's 1-sigma attitude [rad] and bias [rad/s], None if not given.
+
+        Raises
+        ------
+        InputError
+            If only one of both is given.
+
+        Examples
+        --------
+        >>> Settings.from_dict({}).sigma0() is None
+        True
+        """
         values = self.tables.get("start", {})
         if not values:
             return None
@@ -176,7 +299,18 @@ max_gap=None, gap_rate_sigma=0.001)
         return float(values["sigma_attitude"]), float(values["sigma_bias"])
 
     def filter(self) -> Any:
-        """Return the filter that ``[filter]`` describes, ``EKF()`` if there is none."""
+        """Return the filter that ``[filter]`` describes, ``EKF()`` if there is none.
+
+        Raises
+        ------
+        InputError
+            Names an option that the filter does not have.
+
+        Examples
+        --------
+        >>> Settings.from_dict({"filter": {"kind": "srukf"}}).filter()
+        SRUKF(alpha=1.0, beta=2.0, kappa=None, integrator='exponential')
+        """
         from celestcore import filters
 
         self._check_filter("ekf")
@@ -192,6 +326,12 @@ max_gap=None, gap_rate_sigma=0.001)
         ------
         InputError
             If something it needs, such as the gyro's noise, is not given.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = Settings.from_log(log).navigator().run(log)
         """
         from celestcore.navigator import StarGyroNavigator
 

@@ -25,6 +25,20 @@ class CelestcoreError(Exception):
 
     Keyword details (where it happened, which value) are kept as attributes and put in front of
     the message. They survive pickling.
+
+    Parameters
+    ----------
+    message : str
+        What happened and what to do.
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> try:
+    ...     cc.Gyro(arw=-1.0)
+    ... except cc.CelestcoreError as error:
+    ...     print(error)
+    gyro.arw, value -1.0: must be greater than 0
     """
 
     def __init__(self, message: str = "") -> None:
@@ -92,14 +106,40 @@ class InputError(CelestcoreError, ValueError):
         return f"{self.source}: {text}" if self.source else text
 
     def located(self: _InputErrorT, source: str) -> _InputErrorT:
-        """Return the same error with the name of the file it came from."""
+        """Return the same error with the name of the file it came from.
+
+        Parameters
+        ----------
+        source : str
+            The file.
+
+        Returns
+        -------
+        InputError
+            A copy, of the same class.
+
+        Examples
+        --------
+        >>> print(InputError("must be positive", field="gyro.arw").located("mine.toml"))
+        mine.toml: gyro.arw: must be positive
+        """
         error: _InputErrorT = _rebuild(type(self), self.message, dict(self.__dict__))
         error.source = source
         return error
 
 
 class LogFormatError(InputError):
-    """A file cannot be read or written as a log: not there, truncated, columns missing."""
+    """A file cannot be read or written as a log: not there, truncated, columns missing.
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> try:
+    ...     cc.read_log("not_there.npz")
+    ... except cc.LogFormatError as error:
+    ...     print(error)
+    not_there.npz...
+    """
 
 
 class NumericalError(CelestcoreError, ArithmeticError):
@@ -135,11 +175,28 @@ class NumericalError(CelestcoreError, ArithmeticError):
 
 
 class MissingDependencyError(CelestcoreError, ImportError):
-    """An optional package is needed for this and is not installed."""
+    """An optional package is needed for this and is not installed.
+
+    Examples
+    --------
+    >>> issubclass(MissingDependencyError, ImportError)
+    True
+    """
 
 
 class CelestcoreWarning(UserWarning):
-    """Something was accepted that is probably a mistake."""
+    """Something was accepted that is probably a mistake.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import celestcore as cc
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     gyro = cc.Gyro(arw=0.3)
+    >>> caught[0].category.__name__
+    'CelestcoreWarning'
+    """
 
 
 def _rebuild(cls: type[Any], message: str, state: dict[str, Any]) -> Any:

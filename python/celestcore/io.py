@@ -113,6 +113,16 @@ def write_log(log: SensorLog, path: str | os.PathLike[str]) -> None:
         If the path has another ending or cannot be written.
     MissingDependencyError
         If Parquet or CSV is written without pyarrow.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import celestcore as cc
+    >>> log = cc.SensorLog(gyro=([0.0, 0.1], [[0.0, 0.0, 0.01]] * 2))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_log(log, f"{folder}/mine.npz")
+    ...     read_log(f"{folder}/mine.npz")
+    SensorLog(0.1 s: gyro 2 rows)
     """
     target = Path(path)
     kind = _kind(target)

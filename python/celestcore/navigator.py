@@ -167,6 +167,14 @@ class StarGyroNavigator:
             A covariance that is no longer positive definite; names step and time.
         KeyboardInterrupt
             On Ctrl-C, within a fraction of a second.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log, every=10)
+        >>> sol.counts["accepted"], sol.sigma.shape[1]
+        (43194, 6)
         """
         given = {
             "t0": t0,

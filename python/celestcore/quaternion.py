@@ -88,6 +88,11 @@ def conjugate(q: QuaternionLike) -> FloatArray:
     -------
     ndarray (..., 4)
 
+    Raises
+    ------
+    InputError
+        If the last axis has not that length.
+
     Examples
     --------
     >>> conjugate([1.0, 2.0, 3.0, 4.0])
@@ -112,6 +117,11 @@ def rotate(q: QuaternionLike, v: ArrayLike) -> FloatArray:
     ndarray (..., 3)
         The vectors in frame ``a``, same unit.
 
+    Raises
+    ------
+    InputError
+        If a last axis has not that length or the leading axes do not broadcast.
+
     Examples
     --------
     >>> rotate([0.0, 0.0, 0.0, 1.0], [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -134,6 +144,11 @@ def exp(v: ArrayLike) -> FloatArray:
     -------
     ndarray (..., 4)
 
+    Raises
+    ------
+    InputError
+        If the last axis has not that length.
+
     Examples
     --------
     >>> exp([0.0, 0.0, 0.0])
@@ -155,6 +170,11 @@ def log(q: QuaternionLike) -> FloatArray:
     ndarray (..., 3)
         rad, of length at most pi; ``q`` and ``-q`` give the same.
 
+    Raises
+    ------
+    InputError
+        If the last axis has not that length.
+
     Examples
     --------
     >>> log([-1.0, 0.0, 0.0, 0.0])
@@ -174,6 +194,11 @@ def to_matrix(q: QuaternionLike) -> FloatArray:
     Returns
     -------
     ndarray (..., 3, 3)
+
+    Raises
+    ------
+    InputError
+        If the last axis has not that length.
 
     Examples
     --------
@@ -238,6 +263,11 @@ def angle_between(a: QuaternionLike, b: QuaternionLike) -> FloatArray:
     ndarray (...)
         rad, 0 to pi; signs of quaternions do not matter.
 
+    Raises
+    ------
+    InputError
+        If a last axis has not that length or the leading axes do not broadcast.
+
     Examples
     --------
     >>> float(angle_between([1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]))
@@ -261,6 +291,11 @@ def slerp(a: QuaternionLike, b: QuaternionLike, s: ArrayLike) -> FloatArray:
     -------
     ndarray (..., 4)
 
+    Raises
+    ------
+    InputError
+        If a last axis has not that length or the leading axes do not broadcast.
+
     Examples
     --------
     >>> log(slerp([1.0, 0.0, 0.0, 0.0], exp([0.0, 0.0, 1.0]), 0.25)).round(12)
@@ -283,6 +318,11 @@ def right_jacobian(v: ArrayLike) -> FloatArray:
     -------
     ndarray (..., 3, 3)
 
+    Raises
+    ------
+    InputError
+        If the last axis has not that length.
+
     Examples
     --------
     >>> bool(np.all(right_jacobian([0.0, 0.0, 0.0]) == np.eye(3)))
@@ -303,6 +343,11 @@ def right_jacobian_inverse(v: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray (..., 3, 3)
+
+    Raises
+    ------
+    InputError
+        If the last axis has not that length.
 
     Examples
     --------
@@ -356,6 +401,11 @@ def continuous(q: QuaternionLike) -> FloatArray:
     ndarray (..., n, 4)
         The first of each sequence keeps its sign.
 
+    Raises
+    ------
+    InputError
+        If the shape is wrong.
+
     Examples
     --------
     >>> continuous([[1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0]]) + 0.0
@@ -390,6 +440,11 @@ def propagate(
     ndarray (..., n + 1, 4)
         Row k is the attitude after k steps.
 
+    Raises
+    ------
+    InputError
+        If a last axis has not that length or the leading axes do not broadcast.
+
     Examples
     --------
     >>> q = propagate([1.0, 0.0, 0.0, 0.0], [[0.0, 0.0, 0.1]] * 10, 1.0)
@@ -416,7 +471,17 @@ def propagate(
 
 
 def from_rotation(rotation: Rotation) -> FloatArray:
-    """Quaternions, scalar first, of a `scipy.spatial.transform.Rotation`.
+    """Return the quaternions of a `scipy.spatial.transform.Rotation`.
+
+    Parameters
+    ----------
+    rotation : Rotation
+        One, or a stack.
+
+    Returns
+    -------
+    ndarray (..., 4)
+        Scalar first.
 
     Examples
     --------
@@ -428,7 +493,23 @@ def from_rotation(rotation: Rotation) -> FloatArray:
 
 
 def as_rotation(q: QuaternionLike) -> Rotation:
-    """Return a `scipy.spatial.transform.Rotation` of quaternions (..., 4), scalar first.
+    """Return a `scipy.spatial.transform.Rotation` of quaternions.
+
+    Parameters
+    ----------
+    q : array_like (..., 4)
+        Scalar first.
+
+    Returns
+    -------
+    Rotation
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong.
+    MissingDependencyError
+        If scipy is not installed.
 
     Examples
     --------

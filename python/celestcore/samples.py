@@ -38,6 +38,11 @@ def sample_names() -> tuple[str, ...]:
 def sample_path(name: str) -> Path:
     """Return the path of a sample's NPZ file; its settings are in the TOML file beside it.
 
+    Parameters
+    ----------
+    name : str
+        One of `sample_names`.
+
     Raises
     ------
     InputError
@@ -57,6 +62,11 @@ def sample_path(name: str) -> Path:
 
 def sample(name: str) -> SensorLog:
     """Read one of the shipped logs, with the noise and frames that its settings give.
+
+    Parameters
+    ----------
+    name : str
+        One of `sample_names`.
 
     Raises
     ------

@@ -134,9 +134,24 @@ class Gyro:
             )
 
     def to_body(self, rate: ArrayLike) -> FloatArray:
-        """Return rates (n, 3) of the gyro frame in the body frame [rad/s].
+        """Return rates of the gyro frame in the body frame, its errors taken out.
 
         Without a mounting and errors the array itself comes back.
+
+        Parameters
+        ----------
+        rate : array_like (n, 3)
+            Measured rates, gyro frame [rad/s].
+
+        Returns
+        -------
+        ndarray (n, 3)
+            Rates, body frame [rad/s]; the bias is still in them.
+
+        Examples
+        --------
+        >>> Gyro(arw=1e-6, mounting=[0.0, 1.0, 0.0, 0.0]).to_body([[1.0, 2.0, 3.0]])
+        array([[ 1., -2., -3.]])
         """
         rate = np.ascontiguousarray(rate, dtype=np.float64)
         turn = self._turn()
@@ -240,6 +255,13 @@ class StarCamera:
         ------
         InputError
             If neither the fixes nor the camera have noise.
+
+        Examples
+        --------
+        >>> camera = StarCamera([1e-5, 1e-5, 1e-4], mounting=[0.0, 1.0, 0.0, 0.0])
+        >>> q_ib, noise = camera.to_body([[0.0, 1.0, 0.0, 0.0]])
+        >>> abs(q_ib[0]).round(6), noise.shape
+        (array([1., 0., 0., 0.]), (1, 6))
         """
         q_ic = quaternion(q, "star.q")
         with np.errstate(all="ignore"):  # the core refuses noise that is not finite
@@ -336,7 +358,28 @@ class VectorSensor:
         warn_if_large(np.array([sigma]), "vector.sigma")
 
     def to_body(self, b: ArrayLike) -> FloatArray:
-        """Return measured directions (n, 3) of the sensor frame as unit vectors of the body."""
+        """Return directions of the sensor frame as unit vectors of the body frame.
+
+        Parameters
+        ----------
+        b : array_like (n, 3)
+            Measured directions, sensor frame, of any length.
+
+        Returns
+        -------
+        ndarray (n, 3)
+            Unit vectors, body frame.
+
+        Raises
+        ------
+        InputError
+            Names the row of a vector without direction.
+
+        Examples
+        --------
+        >>> VectorSensor(0.01, mounting=[0.0, 1.0, 0.0, 0.0]).to_body([[0.0, 0.0, 2.0]])
+        array([[ 0.,  0., -1.]])
+        """
         v = directions(array(b, "vector.body", (None, 3)), "vector.body")
         if self.mounting is not None:
             v = v @ _matrix(self.mounting).T

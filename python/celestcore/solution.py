@@ -49,6 +49,15 @@ class StateAt:
         One-sigma errors: attitude x, y, z (rad), bias x, y, z (rad/s), body frame.
     covariance : array, (..., 6, 6), or None
         Covariance in the order of `sigma`.
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> log = cc.sample("fermi")
+    >>> sol = cc.Settings.from_log(log).navigator().run(log)
+    >>> state = sol.at([100.0, 200.0])
+    >>> state.q.shape, state.sigma.shape
+    ((2, 4), (2, 6))
     """
 
     t: Array
@@ -59,7 +68,26 @@ class StateAt:
     covariance: Array | None = None
 
     def as_rotation(self) -> Any:
-        """Return the attitude as a `scipy.spatial.transform.Rotation` (body to inertial)."""
+        """Return the attitude as a `scipy.spatial.transform.Rotation` (body to inertial).
+
+        Returns
+        -------
+        Rotation
+            One, or a stack with the shape of `t`.
+
+        Raises
+        ------
+        MissingDependencyError
+            If scipy is not installed.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log)
+        >>> sol.at(100.0).as_rotation().single
+        True
+        """
         return _rotation(self.q)
 
 
@@ -192,6 +220,14 @@ class Solution:
         ------
         InputError
             If a time is not finite or lies outside the solution.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log)
+        >>> sol.at(100.25).q.shape
+        (4,)
         """
         from celestcore import quaternion
 
@@ -213,7 +249,26 @@ class Solution:
         )
 
     def as_rotation(self) -> Any:
-        """Return the attitude as a `scipy.spatial.transform.Rotation` (body to inertial)."""
+        """Return the attitude as a `scipy.spatial.transform.Rotation` (body to inertial).
+
+        Returns
+        -------
+        Rotation
+            A stack of n.
+
+        Raises
+        ------
+        MissingDependencyError
+            If scipy is not installed.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log)
+        >>> sol.as_rotation().as_euler("ZYX").shape == (len(sol), 3)
+        True
+        """
         return _rotation(self.q)
 
     def columns(self) -> Columns:
@@ -221,6 +276,19 @@ class Solution:
 
         ``t``; ``qw qx qy qz``; ``wx wy wz`` (rate); ``bx by bz`` (bias); ``s_ax .. s_bz``
         (sigma); and, if the covariance was kept, its upper triangle ``p_11 p_12 .. p_66``.
+
+        Returns
+        -------
+        dict of str to ndarray (n,)
+            In SI units and radians.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log)
+        >>> list(sol.columns())[:5]
+        ['t', 'qw', 'qx', 'qy', 'qz']
         """
         out: Columns = {"t": self.t}
         out.update(_split(self.q, _QUATERNION))
@@ -233,7 +301,21 @@ class Solution:
         return out
 
     def measurement_columns(self) -> Columns:
-        """Return the measurements as flat columns: t, sensor, nis, dof, accepted, ..."""
+        """Return the measurements as flat columns: t, sensor, nis, dof, accepted, ...
+
+        Returns
+        -------
+        dict of str to ndarray (m,)
+            Innovations in rad.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log)
+        >>> list(sol.measurement_columns())
+        ['t', 'sensor', 'nis', 'dof', 'accepted', 'ix', 'iy', 'iz', 's_ix', 's_iy', 's_iz']
+        """
         names = np.asarray([*self.sensor_names, ""], dtype=object)
         known = np.where(self.sensor < len(self.sensor_names), self.sensor, -1).astype(int)
         out: Columns = {
@@ -250,10 +332,28 @@ class Solution:
     def to_dataframe(self, *, measurements: bool = False) -> Any:
         """Return a `pandas.DataFrame` of `columns` (or of `measurement_columns`).
 
+        Parameters
+        ----------
+        measurements : bool
+            Whether the measurements instead of the states.
+
+        Returns
+        -------
+        DataFrame
+            With `metadata` in its ``attrs``.
+
         Raises
         ------
         MissingDependencyError
             If pandas is not installed.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log)
+        >>> len(sol.to_dataframe()) == len(sol)
+        True
         """
         pandas = require("pandas", extra="pandas", what="to_dataframe")
         columns = self.measurement_columns() if measurements else self.columns()
@@ -281,6 +381,15 @@ class Solution:
             If the directory does not exist.
         MissingDependencyError
             If pyarrow is not installed.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log)
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     sol.to_parquet(f"{folder}/fermi.parquet", measurements=f"{folder}/fixes.parquet")
         """
         arrow = require("pyarrow", extra="parquet", what="writing Parquet")
         parquet = require("pyarrow.parquet", extra="parquet", what="writing Parquet")
@@ -294,7 +403,21 @@ class Solution:
                 parquet.write_table(table, temporary, compression="zstd")
 
     def metadata(self) -> dict[str, Any]:
-        """Return what a reader of the bare columns must know: epoch, frames, units, version."""
+        """Return what a reader of the bare columns must know: epoch, frames, units, version.
+
+        Returns
+        -------
+        dict
+            Plain values, as JSON takes them.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log)
+        >>> sol.metadata()["epoch"]
+        '2015-10-13T08:00:00'
+        """
         return {
             "version": package_version(),
             "title": self.title,
@@ -306,7 +429,35 @@ class Solution:
         }
 
     def plot(self, panels: tuple[str, ...] | None = None, *, width: float = 11.0) -> Figure:
-        """Draw the solution; see `celestcore.plot.figure`."""
+        """Draw the solution; see `celestcore.plot.figure`.
+
+        Parameters
+        ----------
+        panels : tuple of str, optional
+            Which panels; by default all of `celestcore.plot.PANELS`.
+        width : float
+            Width of the figure [inch].
+
+        Returns
+        -------
+        Figure
+            Of matplotlib.
+
+        Raises
+        ------
+        InputError
+            An unknown panel.
+        MissingDependencyError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> sol = cc.Settings.from_log(log).navigator().run(log)
+        >>> len(sol.plot(("sigma",)).axes) >= 1
+        True
+        """
         from celestcore import plot
 
         return plot.figure(self, plot.PANELS if panels is None else panels, width=width)

@@ -48,6 +48,16 @@ class StarGyroState(_core.AttitudeStream):
         Covariance of the error state.
     lag : float or None
         How far `smoothed` goes back [s].
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-6, 1e-9), cc.StarCamera(1e-5))
+    >>> state = nav.start(t=0.0, q=[1.0, 0.0, 0.0, 0.0])
+    >>> state.predict(0.0, [0.0, 0.0, 0.01])
+    >>> state.predict(0.5, [0.0, 0.0, 0.01])
+    >>> state.t, cc.quaternion.log(state.q).round(6)
+    (0.5, array([0.   , 0.   , 0.005]))
     """
 
     navigator: StarGyroNavigator
@@ -117,6 +127,15 @@ class StarGyroState(_core.AttitudeStream):
             A bad quaternion, or a time before the state's; the state is as it was.
         NumericalError
             A covariance that is not positive definite; the state is as it was.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-6, 1e-9), cc.StarCamera(1e-5))
+        >>> state = nav.start(t=0.0, q=[1.0, 0.0, 0.0, 0.0])
+        >>> used = state.update(0.0, [1.0, 1e-4, 0.0, 0.0])
+        >>> used.accepted, used.dof, used.innovation.round(6)
+        (True, 3, array([0.0002, 0.    , 0.    ]))
         """
         own = self.navigator._camera(camera)
         each = None if sigma is None else np.reshape(positive(sigma, "sigma"), (1, 3))
@@ -160,6 +179,15 @@ class StarGyroState(_core.AttitudeStream):
         ------
         InputError
             A vector without direction, no noise, a time before the state's.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-6, 1e-9), cc.StarCamera(1e-5))
+        >>> state = nav.start(t=0.0, q=[1.0, 0.0, 0.0, 0.0])
+        >>> used = state.update_direction(0.0, [0.0, 0.0, 1.0], [0.0, 1e-4, 1.0], sigma=1e-3)
+        >>> used.accepted, used.dof
+        (True, 2)
         """
         nav = self.navigator
         own = nav._direction(sensor or "") if nav.vector is not None else None
@@ -228,7 +256,22 @@ class StarGyroState(_core.AttitudeStream):
         return None if last is None else np.asarray(last[1]) - self.bias
 
     def copy(self) -> StarGyroState:
-        """Return a copy that goes its own way."""
+        """Return a copy that goes its own way.
+
+        Returns
+        -------
+        StarGyroState
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-6, 1e-9), cc.StarCamera(1e-5))
+        >>> state = nav.start(t=0.0, q=[1.0, 0.0, 0.0, 0.0])
+        >>> ahead = state.copy()
+        >>> ahead.predict(60.0, [0.0, 0.0, 0.01])
+        >>> state.t
+        0.0
+        """
         return copy.copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -47,6 +47,14 @@ class AllanDeviation:
         Step of the log [s].
     n : int
         Samples of the log.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> white = 1e-5 * np.random.default_rng(1).standard_normal(10_000)
+    >>> curve = allan_deviation(white, 0.1)
+    >>> curve.deviation.shape == curve.sigma.shape == (len(curve.tau), 1)
+    True
     """
 
     tau: Array
@@ -76,6 +84,14 @@ class AllanFit:
         where the term was left out.
     p_value : ndarray (axes,)
         Probability of a worse fit, if the model is right; near 0 the curve holds something else.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> white = 1e-5 * np.random.default_rng(1).standard_normal(10_000)
+    >>> fit = fit_allan(allan_deviation(white, 0.1))
+    >>> bool(abs(fit.arw[0] - 1e-5 * 0.1**0.5) < 4 * fit.sigma["arw"][0])
+    True
     """
 
     arw: Array
@@ -86,12 +102,57 @@ class AllanFit:
     p_value: Array
 
     def deviation(self, tau: ArrayLike) -> Array:
-        """Return the fitted Allan deviation [rad/s] at averaging times (k,) [s]: (k, axes)."""
+        """Return the fitted Allan deviation.
+
+        Parameters
+        ----------
+        tau : array_like (k,)
+            Averaging times [s].
+
+        Returns
+        -------
+        ndarray (k, axes)
+            Of the rate [rad/s].
+
+        Raises
+        ------
+        InputError
+            If the shape is wrong.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> white = 1e-5 * np.random.default_rng(1).standard_normal(10_000)
+        >>> fit_allan(allan_deviation(white, 0.1)).deviation([1.0, 10.0]).shape
+        (2, 1)
+        """
         values = np.stack([getattr(self, name) for name in TERMS])
         return np.asarray(np.sqrt(slopes(array(tau, "tau", (None,))) @ values**2))
 
     def gyro(self, **options: Any) -> Gyro:
-        """Return a `Gyro` with the root mean square over the axes; `options` as for `Gyro`."""
+        """Return a `Gyro` with the root mean square of the noise over the axes.
+
+        Parameters
+        ----------
+        **options
+            For `Gyro`: ``sampling``, ``mounting`` ...
+
+        Returns
+        -------
+        Gyro
+
+        Raises
+        ------
+        InputError
+            If there is no angle random walk.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> white = 1e-5 * np.random.default_rng(1).standard_normal(10_000)
+        >>> fit_allan(allan_deviation(white, 0.1)).gyro(sampling="integrated").sampling
+        'integrated'
+        """
         from celestcore.sensors import Gyro
 
         arw, rrw = (float(np.sqrt(np.mean(x**2))) for x in (self.arw, self.rrw))

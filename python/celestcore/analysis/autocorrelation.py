@@ -44,6 +44,13 @@ class Whiteness:
     mean : ndarray (axes,)
         Mean in units of its own standard error: standard normal if innovations are white.
     probability : float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> white = np.random.default_rng(1).standard_normal((1000, 3))
+    >>> whiteness(white, lags=10).autocorrelation.shape
+    (10, 3)
     """
 
     lag: NDArray[np.int64]

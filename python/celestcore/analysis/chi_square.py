@@ -155,6 +155,13 @@ class Consistency:
     inside : float
         Share of the times with `epoch` inside its bounds: about `probability` if consistent.
     probability : float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> values = np.random.default_rng(1).chisquare(3, size=(20, 500))
+    >>> consistency(values, dof=3).consistent
+    True
     """
 
     mean: float

@@ -66,6 +66,15 @@ class WithheldDrift:
         Which fold the window belongs to.
     arw, rrw : array, (k,)
         Gyro noise the window was scored with, rad/sqrt(s) and rad/s/sqrt(s).
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> log = cc.sample("fermi")
+    >>> nav = cc.Settings.from_log(log).navigator()
+    >>> drift = withheld_drift(nav, log, window=1800.0, folds=None)
+    >>> len(drift) == len(drift.start) == len(drift.ratio)
+    True
     """
 
     window: float
@@ -83,7 +92,21 @@ class WithheldDrift:
         return len(self.start)
 
     def summary(self) -> dict[str, float]:
-        """Return the main figures as plain numbers; names say the units."""
+        """Return the main figures as plain numbers; names say the units.
+
+        Returns
+        -------
+        dict of str to float
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> nav = cc.Settings.from_log(log).navigator()
+        >>> drift = withheld_drift(nav, log, window=1800.0, folds=None)
+        >>> drift.summary()["window_s"]
+        1800.0
+        """
         low, median, high = np.percentile(self.drift, [5, 50, 95]) / ARCSEC
         plain = np.percentile(self.drift_without_bias, [5, 50, 95]) / ARCSEC
         figures = {

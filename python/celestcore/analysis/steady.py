@@ -59,6 +59,12 @@ class SteadyState:
         With ``rrw = 0`` that of the attitude alone: the bias then settles like one over time.
     gyro_dt, star_dt : float
         Steps of the sensors [s].
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> steady_state(cc.Gyro(arw=1e-6, rrw=1e-9), 5 * cc.ARCSEC, gyro_dt=0.1, star_dt=0.2)
+    SteadyState(1 sigma arcsec x/y/z: filter ..., smoother ...)
     """
 
     filter: Array

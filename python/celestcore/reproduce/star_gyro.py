@@ -55,6 +55,13 @@ class Result:
         Runs with sensors without errors.
     elapsed_s : float
         Time it took, s.
+
+    Examples
+    --------
+    >>> from celestcore.reproduce import star_gyro
+    >>> result = star_gyro.run(seed=3, quick=True)  # doctest: +SKIP
+    >>> result.full, result.runs  # doctest: +SKIP
+    (False, 1)
     """
 
     runs: int
@@ -82,10 +89,22 @@ class Result:
         metric : {"after", "everywhere", "before"}
             Of a filter: just after each fix, at every gyro sample, just before each fix.
 
+        Returns
+        -------
+        ndarray (3, 12, 3)
+            Cameras 5, 2, 1 arcsec; gyros 0.2 ... 2.4 arcsec/s; pitch, roll, yaw.
+
         Raises
         ------
         InputError
             If the name is unknown.
+
+        Examples
+        --------
+        >>> from celestcore.reproduce import star_gyro
+        >>> result = star_gyro.run(seed=3, quick=True)  # doctest: +SKIP
+        >>> result.figures("bound_filter")[0, 0].round(3)  # doctest: +SKIP
+        array([0.436, 0.345, 0.319])
         """
         fixed = {
             "paper_ekf": PAPER_EKF,
@@ -100,13 +119,37 @@ class Result:
         return np.asarray(column).reshape(PAPER_UKF.shape)
 
     def targets(self) -> list[Target]:
-        """Return what was asked and what came out, block by block."""
+        """Return what was asked and what came out, block by block.
+
+        Returns
+        -------
+        list of Target
+            With ``block``, ``asked``, ``found`` and ``met``.
+
+        Examples
+        --------
+        >>> from celestcore.reproduce import star_gyro
+        >>> result = star_gyro.run(seed=3, quick=True)  # doctest: +SKIP
+        >>> [target.met for target in result.targets()]  # doctest: +SKIP
+        """
         return targets(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return every figure, ready for JSON; what ``--json`` writes.
 
         All figures are in arcsec, 3 sigma, just after the fixes, unless their key says otherwise.
+
+        Returns
+        -------
+        dict
+            Of plain numbers, text, lists and dicts.
+
+        Examples
+        --------
+        >>> from celestcore.reproduce import star_gyro
+        >>> result = star_gyro.run(seed=3, quick=True)  # doctest: +SKIP
+        >>> result.to_dict()["experiment"]  # doctest: +SKIP
+        'star-gyro'
         """
         return {
             "experiment": "star-gyro",
@@ -151,7 +194,20 @@ class Result:
         ]
 
     def gains(self) -> dict[str, Any]:
-        """Return by how much UKF is better than EKF, (camera, axis) [%]: printed and recomputed."""
+        """Return by how much UKF is better than EKF, (camera, axis) [%]: printed and recomputed.
+
+        Returns
+        -------
+        dict
+            Lists (camera, axis) by where they come from, and counts.
+
+        Examples
+        --------
+        >>> from celestcore.reproduce import star_gyro
+        >>> result = star_gyro.run(seed=3, quick=True)  # doctest: +SKIP
+        >>> result.gains()["paper_ekf_better"]  # doctest: +SKIP
+        10
+        """
         wins = PAPER_EKF < PAPER_UKF
         return {
             "printed": [list(row) for row in _paper.GAINS],
@@ -166,7 +222,19 @@ class Result:
         }
 
     def readings(self) -> list[dict[str, Any]]:
-        """Return the gyro that an accuracy of 1 arcsec asks for: printed, and read off columns."""
+        """Return the gyro that an accuracy of 1 arcsec asks for: printed, and read off columns.
+
+        Returns
+        -------
+        list of dict
+            Gyro errors in arcsec/s, 3 sigma.
+
+        Examples
+        --------
+        >>> from celestcore.reproduce import star_gyro
+        >>> result = star_gyro.run(seed=3, quick=True)  # doctest: +SKIP
+        >>> result.readings()[0]["what"]  # doctest: +SKIP
+        """
         columns = {"EKF": ("paper_ekf", "r2"), "UKF": ("paper_ukf", "r1")}
         out = []
         for what, column, star, axis, printed in _paper.READINGS:
@@ -176,7 +244,19 @@ class Result:
         return out
 
     def cost(self) -> dict[str, Any]:
-        """Return the time of each filter for an orbit [s], and as multiples of the MEKF's."""
+        """Return the time of each filter for an orbit [s], and as multiples of the MEKF's.
+
+        Returns
+        -------
+        dict
+            Medians over the trials.
+
+        Examples
+        --------
+        >>> from celestcore.reproduce import star_gyro
+        >>> result = star_gyro.run(seed=3, quick=True)  # doctest: +SKIP
+        >>> result.cost()["seconds_per_orbit"]  # doctest: +SKIP
+        """
         seconds = {name: float(np.median(self.scores[name].seconds)) for name in TUNED}
         base = seconds["mekf"]
         return {
@@ -221,6 +301,13 @@ def run(
         If `runs` or `seed` is out of range.
     KeyboardInterrupt
         On Ctrl-C.
+
+    Examples
+    --------
+    >>> from celestcore.reproduce import star_gyro
+    >>> result = star_gyro.run(seed=3, quick=True)  # doctest: +SKIP
+    >>> result.figures("mekf").shape  # doctest: +SKIP
+    (3, 12, 3)
     """
     runs = (QUICK_RUNS if quick else RUNS) if runs is None else runs
     if runs < 1:

@@ -38,6 +38,15 @@ class Simulation:
         Bias and drift at the times of the truth, body frame [rad/s].
     seed, trial : int
         What it was drawn with.
+
+    Examples
+    --------
+    >>> from celestcore import simulate
+    >>> truth = simulate.earth_pointing(20.0)
+    >>> scenario = simulate.Scenario(truth, simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5))
+    >>> made = scenario.simulate(seed=1, trial=7)
+    >>> made.log, made.bias.shape
+    (SensorLog(19.9 s: gyro 200 rows, star ... rows), (200, 3))
     """
 
     log: SensorLog
@@ -152,6 +161,16 @@ class Scenario:
         ------
         InputError
             Names the field and the value.
+
+        Examples
+        --------
+        >>> from celestcore import simulate
+        >>> truth = simulate.earth_pointing(20.0)
+        >>> gyro, star = simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5)
+        >>> scenario = simulate.Scenario(truth, gyro, star)
+        >>> once, again = (scenario.simulate(seed=1, trial=7) for _ in range(2))
+        >>> bool((once.log.gyro.rate == again.log.gyro.rate).all())
+        True
         """
         seed, trial = whole(seed, "seed", 64), whole(trial, "trial", 56)
         flight = self._described()
@@ -183,6 +202,15 @@ class Scenario:
         ------
         InputError
             If the gyro has no white noise: a filter needs some.
+
+        Examples
+        --------
+        >>> from celestcore import simulate
+        >>> truth = simulate.earth_pointing(20.0)
+        >>> gyro, star = simulate.GyroErrors(1e-6), simulate.StarErrors(1e-5)
+        >>> scenario = simulate.Scenario(truth, gyro, star)
+        >>> scenario.navigator().gyro.arw
+        1e-06
         """
         arw, rrw = np.max(self.gyro.arw), np.max(self.gyro.rrw)
         star = {name: camera.camera for name, camera in self.cameras.items()}

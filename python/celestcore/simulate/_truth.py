@@ -98,6 +98,14 @@ class Truth:
         ------
         InputError
             A time outside; names its row.
+
+        Examples
+        --------
+        >>> from celestcore import quaternion, simulate
+        >>> q = quaternion.exp([[0.0, 0.0, 0.0], [0.0, 0.0, 0.2]])
+        >>> truth = simulate.attitude([0.0, 1.0], q)
+        >>> quaternion.log(truth.at(0.5)).round(9)
+        array([0. , 0. , 0.1])
         """
         asked = array(t, "t")
         inside = (asked >= self.t[0]) & (asked <= self.t[-1])
