@@ -226,7 +226,7 @@ class _Likelihood:
                     f"uses {used.sum()} fixes, at least {_FEW} are needed", field="log"
                 )
             sums = float(sol.nis[used].sum()), float(sol.dof[used].sum())
-            self.known[arw, rrw] = (log_likelihood(sol), *sums)
+            self.known[arw, rrw] = (sol.log_likelihood, *sums)
         return self.known[arw, rrw]
 
     def __call__(self, arw: float, rrw: float, scale: float) -> float:
@@ -237,21 +237,6 @@ class _Likelihood:
         """Return the best scale if these are the gyro's noises over the scale."""
         _, squares, count = self.run(arw, rrw)
         return float(np.sqrt(squares / count)) or 1.0
-
-
-def log_likelihood(solution: Solution) -> float:
-    """Return the log-likelihood of the accepted innovations of a run.
-
-    The filter's own where it has it; else with the determinant of the innovation covariance taken
-    as the product of its diagonal.
-    """
-    own = float(getattr(solution, "log_likelihood", np.nan))
-    if np.isfinite(own):
-        return own
-    used = solution.accepted & np.isfinite(solution.nis)
-    logs = np.nansum(2.0 * np.log(solution.innovation_sigma[used]), axis=1)
-    constant = solution.dof[used] * np.log(2.0 * np.pi)
-    return float(-0.5 * np.sum(solution.nis[used] + logs + constant))
 
 
 _Found = tuple[Array, Array, list[int], Array, float, float]
@@ -354,9 +339,11 @@ def _run(navigator: StarGyroNavigator, log: SensorLog, start: dict[str, Any]) ->
 def _tuned(navigator: StarGyroNavigator, values: Sequence[float] | Array) -> StarGyroNavigator:
     """Return the navigator with the noise (arw, rrw, scale)."""
     out = copy.copy(navigator)
-    out.gyro = dataclasses.replace(navigator.gyro, arw=float(values[0]), rrw=float(values[1]))
-    out.star = _each(navigator.star, float(values[2]))
-    out.vector = _each(navigator.vector, float(values[2]))
+    with warnings.catch_warnings():  # a search looks at noises that nobody would give
+        warnings.simplefilter("ignore", CelestcoreWarning)
+        out.gyro = dataclasses.replace(navigator.gyro, arw=float(values[0]), rrw=float(values[1]))
+        out.star = _each(navigator.star, float(values[2]))
+        out.vector = _each(navigator.vector, float(values[2]))
     return out
 
 
