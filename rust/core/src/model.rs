@@ -1,6 +1,6 @@
 //! What a system consists of: dynamics, and measurements of any size.
 
-use crate::linalg::{Matrix, Vector, add, cholesky_semidefinite, congruence, mul, mul_t, zeros};
+use crate::linalg::{Matrix, Vector, add, cholesky_semidefinite, congruence, ldl, mul, mul_t, zeros};
 use crate::manifold::{Family, Manifold};
 use crate::scalar::Real;
 
@@ -132,5 +132,27 @@ pub trait Measurement<const N: usize, const M: usize> {
     #[inline(always)]
     fn project<T: Real, const R: usize>(&self, h: &Matrix<T, M, N>, a: &Matrix<T, R, N>) -> Matrix<T, R, M> {
         mul_t(a, h)
+    }
+
+    /// Logarithm of the probability density of `z` in state `x`; of normal noise unless overridden.
+    fn log_likelihood(
+        &self,
+        x: &Seen<Self, f64, N, M>,
+        given: &Given<Self, f64, N, M>,
+        z: &Value<Self, f64, N, M>,
+    ) -> f64 {
+        let f = ldl(&self.noise(given));
+        if !f.ok {
+            return f64::NAN;
+        }
+        let mut y = self.residual(z, &self.predict(x, given));
+        let mut sum = M as f64 * std::f64::consts::TAU.ln();
+        for i in 0..M {
+            for k in 0..i {
+                y[i] -= f.l[(i, k)] * y[k];
+            }
+            sum += y[i] * y[i] * f.inverses[i] + f.pivots[i].ln();
+        }
+        -0.5 * sum
     }
 }

@@ -3,7 +3,7 @@
 mod camera;
 mod campaign;
 mod gyro;
-pub(crate) mod rng;
+pub mod rng;
 mod score;
 
 pub use camera::StarNoise;

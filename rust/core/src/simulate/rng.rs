@@ -1,7 +1,7 @@
 //! Random numbers: one stream for each trial and each source of noise.
 
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 /// Trials of one seed: from 0 up to, not including, this number.
@@ -47,7 +47,14 @@ impl Stream {
         StandardNormal.sample(&mut self.0)
     }
 
-    /// Several.
+    /// One number from 0 up to, not including, 1.
+    #[inline]
+    pub fn uniform(&mut self) -> f64 {
+        // 53 bits, as many as fit
+        (self.0.next_u64() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
+    }
+
+    /// Several normal numbers.
     #[inline]
     pub fn normals<const N: usize>(&mut self) -> [f64; N] {
         std::array::from_fn(|_| self.normal())
