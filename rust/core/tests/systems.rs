@@ -241,21 +241,19 @@ fn off(log: &Made, x: &Attitude<f64>) -> f64 {
 /// The gyro's bias at the start of [`made`]; it walks on by some 1e-5.
 const BIAS: [f64; 3] = [1e-4, -2e-4, 1.5e-4];
 
-#[test]
-fn with_all_repairs_attitude_and_bias_are_found() {
-    let log = made(1001, 61);
-    let x = replay(&log, &LiteralModel(model()), body_side);
-    assert!(off(&log, &x) < 1e-4, "{}", off(&log, &x));
-    for i in 0..3 {
-        assert!((x.bias[i] / BIAS[i] - 1.0).abs() < 0.6, "{:?}", x.bias);
-    }
+/// Largest share of the true bias by which an estimate is wrong after half a minute.
+fn wrong(x: &Attitude<f64>) -> f64 {
+    x.bias.iter().zip(BIAS).map(|(b, true_b)| (b / true_b - 1.0).abs()).fold(0.0, f64::max)
 }
 
 #[test]
-fn without_the_first_repair_the_bias_is_never_estimated() {
-    let log = made(1001, 61);
-    let x = replay(&log, &Printed(model()), body_side);
-    assert!(x.bias.iter().all(|b| b.abs() < 1e-8), "{:?}", x.bias);
+fn without_the_first_repair_the_bias_is_not_estimated() {
+    let log = made(301, 61);
+    let good = replay(&log, &LiteralModel(model()), body_side);
+    assert!(off(&log, &good) < 1e-4 && wrong(&good) < 0.3, "{} {}", off(&log, &good), wrong(&good));
+    // it starts at zero, and there it stays but for terms of second order
+    let bad = replay(&log, &Printed(model()), body_side);
+    assert!(wrong(&bad) > 0.95, "{:?}", bad.bias);
 }
 
 #[test]
