@@ -95,7 +95,7 @@ impl Log {
             match k % 7 {
                 0 => log.fix_t.push(t),
                 2 => log.fix_t.extend([t + 0.3 * dt, t + 0.8 * dt]),
-                4 if k < 30 || k > 50 => log.fix_t.extend([t + 0.5 * dt, t + 0.5 * dt]),
+                4 if !(30..=50).contains(&k) => log.fix_t.extend([t + 0.5 * dt, t + 0.5 * dt]),
                 _ => {}
             }
         }

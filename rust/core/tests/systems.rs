@@ -217,8 +217,9 @@ where
     for k in 0..log.t.len() - 1 {
         let input = GyroInput { rate: log.rate[k], extra: 0.0 };
         assert!(filter.predict(&mut belief, dynamics, &input, log.t[k], DT));
-        if (k + 1) % 2 == 0 {
-            let fix = (k + 1) / 2;
+        let next = k + 1;
+        if next.is_multiple_of(2) {
+            let fix = next / 2;
             belief.mean = LiteralSpace::normalise(&belief.mean);
             let z = error(&log.star_q[fix], &belief.mean.q);
             let z = if z[0] < 0.0 { z.map(|c| -c) } else { z };
