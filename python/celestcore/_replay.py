@@ -149,9 +149,11 @@ def finish(
     first = np.flatnonzero(steps > max_gap)
     accepted = out["accepted"]
     used = int(np.count_nonzero(accepted))
-    if len(accepted) - used > max(10, REJECTED * len(accepted)):
+    # what a filter does not use (LiteralUKF and directions) has a NIS of zero
+    outside = int(np.count_nonzero(~accepted & (out["nis"] > 0.0)))
+    if outside > max(10, REJECTED * len(accepted)):
         warn(
-            f"{len(accepted) - used} of {len(accepted)} measurements were outside the gate: "
+            f"{outside} of {len(accepted)} measurements were outside the gate: "
             "the start, the noise or the frames are probably wrong"
         )
     start_fix = out["start_fix"] is not None

@@ -155,7 +155,11 @@ class Gyro:
         """
         rate = np.ascontiguousarray(rate, dtype=np.float64)
         turn = self._turn()
-        return rate if turn is None else np.ascontiguousarray(rate @ turn.T)
+        if turn is None:
+            return rate
+        # term by term as a stream does it, to the same bits: a matrix product may round differently
+        x, y, z = (turn[:, k] * rate[..., k : k + 1] for k in range(3))
+        return np.ascontiguousarray(x + y + z)
 
     def _turn(self) -> FloatArray | None:
         """Matrix (3, 3) from measured rates to rates of the body, None for none."""

@@ -3,11 +3,14 @@
 
 mod common;
 
-use celestcore_core::attitude::{Attitude, AttitudeBias, Direction, GyroInput, GyroModel, Reference, StarQuaternion};
+use celestcore_core::attitude::{
+    Attitude, AttitudeBias, Calibrated, CalibratedSpace, Calibration, Direction, GyroInput, GyroInputs, GyroModel,
+    InertialError, Invariant, Literal, LiteralModel, LiteralSpace, Reference, StarQuaternion,
+};
 use celestcore_core::linalg::{Matrix, congruence, zeros};
 use celestcore_core::manifold::Manifold;
 use celestcore_core::model::{Dynamics, Measurement};
-use celestcore_core::quaternion::{Integrator, exp, multiply, right_jacobian, rotate};
+use celestcore_core::quaternion::{Integrator, difference, exp, multiply, right_jacobian, rotate, to_matrix};
 use common::{attitude, close, normals, spd};
 
 /// The same models without their analytic derivatives: the traits' differences.
@@ -25,6 +28,44 @@ impl Dynamics<6> for Plain<GyroModel> {
         t: T,
         dt: T,
     ) -> Matrix<T, 6, 6> {
+        self.0.noise(x, u, t, dt)
+    }
+}
+impl Dynamics<6> for Plain<Invariant> {
+    type Space = InertialError;
+    type Input = GyroInputs;
+    fn step<T: celestcore_core::scalar::Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, t: T, dt: T) -> Attitude<T> {
+        self.0.step(x, u, t, dt)
+    }
+    fn noise<T: celestcore_core::scalar::Real>(
+        &self,
+        x: &Attitude<T>,
+        u: &GyroInput<T>,
+        t: T,
+        dt: T,
+    ) -> Matrix<T, 6, 6> {
+        self.0.noise(x, u, t, dt)
+    }
+}
+impl Dynamics<18> for Plain<Calibration> {
+    type Space = CalibratedSpace;
+    type Input = GyroInputs;
+    fn step<T: celestcore_core::scalar::Real>(
+        &self,
+        x: &Calibrated<T>,
+        u: &GyroInput<T>,
+        t: T,
+        dt: T,
+    ) -> Calibrated<T> {
+        self.0.step(x, u, t, dt)
+    }
+    fn noise<T: celestcore_core::scalar::Real>(
+        &self,
+        x: &Calibrated<T>,
+        u: &GyroInput<T>,
+        t: T,
+        dt: T,
+    ) -> Matrix<T, 18, 18> {
         self.0.noise(x, u, t, dt)
     }
 }
@@ -179,4 +220,114 @@ fn right_jacobian_is_the_derivative_of_exp() {
     }
     let x = attitude(&mut normal);
     assert_eq!(AttitudeBias::reset(&x, &[0.0; 6]), Matrix::<f64, 6, 6>::identity());
+}
+
+#[test]
+fn invariant_transition_is_the_derivative_of_its_step() {
+    for (model, x, u, dt) in models() {
+        let (model, other) = (Invariant(model), Plain(Invariant(model)));
+        close(&model.transition(&x, &u, 0.0, dt), &other.transition(&x, &u, 0.0, dt), 1e-9);
+        // errors in inertial axes do not turn with the body
+        assert_eq!(model.transition(&x, &u, 0.0, dt).fixed_view::<3, 3>(0, 0), Matrix::<f64, 3, 3>::identity());
+    }
+}
+
+/// The same error, written in inertial axes at either end of the step.
+#[test]
+fn invariant_step_is_the_gyros_in_turned_axes() {
+    let beside_bias = |q: &[f64; 4]| {
+        let mut m = Matrix::<f64, 6, 6>::identity();
+        m.fixed_view_mut::<3, 3>(0, 0).copy_from(&to_matrix(q));
+        m
+    };
+    for (model, x, u, dt) in models() {
+        let y = model.step(&x, &u, 0.0, dt);
+        let invariant = Invariant(model);
+        assert_eq!(invariant.step(&x, &u, 0.0, dt), y);
+        let (before, after) = (beside_bias(&x.q), beside_bias(&y.q));
+        let f = after * model.transition(&x, &u, 0.0, dt) * before.transpose();
+        close(&invariant.transition(&x, &u, 0.0, dt), &f, 1e-12);
+        let q = after * model.noise(&x, &u, 0.0, dt) * after.transpose();
+        close(&invariant.noise(&x, &u, 0.0, dt), &q, 1e-18);
+    }
+}
+
+/// Where the error quaternion goes: the true attitude turns at the true rate, the reference at the
+/// estimated one. Runge-Kutta on eq. 13 must find it; without its missing term it is off by the bias
+/// error times the step.
+#[test]
+fn literal_step_is_that_of_truth_and_reference() {
+    let mut normal = normals(29);
+    for (model, at, u, _) in models() {
+        let (db, dt): ([f64; 3], f64) = (std::array::from_fn(|_| 0.05 * normal()), 1e-3);
+        let x = Literal { q: at.q, bias: at.bias, dq: exp(&std::array::from_fn(|_| 0.1 * normal())), db };
+        let y = LiteralModel(model).step(&x, &u, 0.0, dt);
+        let truth = Attitude { q: multiply(&x.q, &x.dq), bias: std::array::from_fn(|i| at.bias[i] + db[i]) };
+        let moved = model.step(&truth, &u, 0.0, dt);
+        let off = difference(&moved.q, &multiply(&y.q, &y.dq));
+        assert!(off.iter().all(|c| c.abs() < 1e-12), "{off:?}");
+        assert_eq!((y.bias, y.db), (x.bias, x.db));
+        let carried = difference(&model.step(&at, &u, 0.0, dt).q, &y.q);
+        assert!(carried.iter().all(|c| c.abs() < 1e-15));
+    }
+}
+
+/// An error quaternion is half the rotation vector, to first order; its noise a quarter.
+#[test]
+fn literal_noise_is_the_gyros_on_half_angles() {
+    for (model, at, u, dt) in models() {
+        let x = Literal { q: at.q, bias: at.bias, dq: [1.0, 0.0, 0.0, 0.0], db: [0.0; 3] };
+        let h = 1e-6;
+        let spread = Matrix::<f64, 7, 6>::from_fn(|i, j| {
+            let image = |e: f64| {
+                let mut d = [0.0; 6];
+                d[j] = e;
+                let moved = AttitudeBias::retract(&at, &d);
+                LiteralSpace::local(&x, &Literal { q: moved.q, bias: moved.bias, ..x })[i]
+            };
+            (image(h) - image(-h)) / (2.0 * h)
+        });
+        let expected = spread * model.noise(&at, &u, 0.0, dt) * spread.transpose();
+        close(&LiteralModel(model).noise(&x, &u, 0.0, dt), &expected, 1e-9 * expected.abs().max());
+    }
+}
+
+fn calibrated() -> impl Iterator<Item = (Calibration, Calibrated<f64>, GyroInput<f64>, f64)> {
+    let mut normal = normals(31);
+    models().map(move |(model, x, u, dt)| {
+        let gyro = std::array::from_fn(|_| 0.02 * normal());
+        let alignment = exp(&std::array::from_fn(|_| 0.5 * normal()));
+        let calibration = Calibration { model, aligned: Some(1), prior: [0.01, 0.01, 0.01] };
+        (calibration, Calibrated { q: x.q, bias: x.bias, gyro, alignment }, u, dt)
+    })
+}
+
+#[test]
+fn calibration_transition_is_the_derivative_of_its_step() {
+    for (model, x, u, dt) in calibrated() {
+        close(&model.transition(&x, &u, 0.0, dt), &Plain(model).transition(&x, &u, 0.0, dt), 2e-9);
+    }
+}
+
+/// `(I + M) ω + b` is what the gyro reads, entry by entry.
+#[test]
+fn calibration_turns_at_the_corrected_rate() {
+    for (calibration, x, u, dt) in calibrated() {
+        let g = &x.gyro;
+        let m = Matrix::<f64, 3, 3>::new(1.0 + g[0], g[3], g[4], g[5], 1.0 + g[1], g[6], g[7], g[8], 1.0 + g[2]);
+        let less = Matrix::<f64, 3, 1>::from_fn(|i, _| u.rate[i] - x.bias[i]);
+        let rate = m.lu().solve(&less).unwrap();
+        let plain = Attitude { q: x.q, bias: [0.0; 3] };
+        let input = GyroInput { rate: [rate[0], rate[1], rate[2]], extra: u.extra };
+        let (y, expected) = (calibration.step(&x, &u, 0.0, dt), calibration.model.step(&plain, &input, 0.0, dt));
+        let off = difference(&expected.q, &y.q);
+        assert!(off.iter().all(|c| c.abs() < 1e-13), "{off:?}");
+        assert_eq!(Calibrated { q: x.q, ..y }, x);
+        let noise = calibration.noise(&x, &u, 0.0, dt);
+        close(&noise.fixed_view::<6, 6>(0, 0).into_owned(), &calibration.model.noise(&plain, &input, 0.0, dt), 1e-15);
+        assert_eq!(
+            noise.iter().filter(|v| **v != 0.0).count(),
+            noise.fixed_view::<6, 6>(0, 0).iter().filter(|v| **v != 0.0).count()
+        );
+    }
 }

@@ -3,9 +3,12 @@
 
 mod common;
 
-use celestcore_core::attitude::{Attitude, AttitudeBias};
+use celestcore_core::attitude::{
+    Attitude, AttitudeBias, Calibrated, CalibratedSpace, InertialError, Literal, LiteralSpace,
+};
 use celestcore_core::linalg::congruence;
 use celestcore_core::manifold::{Euclidean, Manifold};
+use celestcore_core::quaternion::{exp, multiply};
 use common::{attitude, close, normals, spd};
 use nalgebra::SMatrix;
 
@@ -50,6 +53,10 @@ fn laws<S, const N: usize>(
         let p = spd::<N>(&mut normal, 1.0);
         close(&S::transport(&x, &d, &p), &congruence(&j, &p), 1e-12);
         close(&S::transport_factor(&x, &d, &p), &(j * p), 1e-12);
+        // and back again
+        let back = S::transport_back(&x, &d, &S::transport(&x, &d, &p));
+        close(&back, &p, 1e-11 * p.abs().max());
+        assert_eq!(back, back.transpose());
     }
 }
 
@@ -76,4 +83,82 @@ fn vectors_obey_the_laws() {
     let (mut a, mut b) = (normals(3), normals(4));
     let gap = |x: &[f64; 4], y: &[f64; 4]| x.iter().zip(y).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     laws::<Euclidean<4>, 4>(|| std::array::from_fn(|_| a()), |reach| ball(&mut b, reach), gap, true);
+}
+
+/// A turn between two attitudes, from 0 to 1: 1 less the cosine of half its angle.
+fn turn(a: &[f64; 4], b: &[f64; 4]) -> f64 {
+    let dot: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
+    (1.0 - dot.abs()).abs()
+}
+
+fn apart<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn inertial_errors_obey_the_laws() {
+    let (mut a, mut b) = (normals(5), normals(6));
+    let gap = |x: &Attitude<f64>, y: &Attitude<f64>| turn(&x.q, &y.q).max(apart(&x.bias, &y.bias));
+    laws::<InertialError, 6>(|| attitude(&mut a), |reach| ball(&mut b, reach), gap, false);
+    // it is the error on the left
+    let x = attitude(&mut a);
+    let d = [0.3, -0.2, 0.5, 0.0, 0.0, 0.0];
+    let y = InertialError::retract(&x, &d);
+    assert!(turn(&y.q, &multiply(&exp(&[0.3, -0.2, 0.5]), &x.q)) < 1e-15);
+}
+
+#[test]
+fn calibrated_states_obey_the_laws() {
+    let (mut a, mut b) = (normals(8), normals(9));
+    let state = || {
+        let (one, two) = (attitude(&mut a), attitude(&mut a));
+        Calibrated { q: one.q, bias: one.bias, gyro: std::array::from_fn(|_| 0.01 * a()), alignment: two.q }
+    };
+    let gap = |x: &Calibrated<f64>, y: &Calibrated<f64>| {
+        let turns = turn(&x.q, &y.q).max(turn(&x.alignment, &y.alignment));
+        turns.max(apart(&x.bias, &y.bias)).max(apart(&x.gyro, &y.gyro))
+    };
+    laws::<CalibratedSpace, 18>(state, |reach| ball(&mut b, reach), gap, false);
+}
+
+/// Between states of one reference the literal state of the paper is a plain vector.
+#[test]
+fn literal_states_of_one_reference_obey_the_laws() {
+    let (mut a, mut b) = (normals(10), normals(11));
+    let reference = attitude(&mut a);
+    let state = || Literal {
+        q: reference.q,
+        bias: reference.bias,
+        dq: std::array::from_fn(|_| a()),
+        db: std::array::from_fn(|_| a()),
+    };
+    let gap = |x: &Literal<f64>, y: &Literal<f64>| {
+        assert_eq!((x.q, x.bias), (y.q, y.bias));
+        apart(&x.dq, &y.dq).max(apart(&x.db, &y.db))
+    };
+    laws::<LiteralSpace, 7>(state, |reach| ball(&mut b, reach), gap, true);
+}
+
+/// Moving the error into the reference moves no attitude and no bias, and leaves no error.
+#[test]
+fn normalising_a_literal_state_keeps_what_it_says() {
+    let mut a = normals(12);
+    for _ in 0..200 {
+        let (at, off) = (attitude(&mut a), attitude(&mut a));
+        let size = 1.0 + 0.1 * a();
+        let x = Literal { q: at.q, bias: at.bias, dq: off.q.map(|c| c * size), db: off.bias };
+        let y = LiteralSpace::normalise(&x);
+        assert_eq!((y.dq, y.db), ([1.0, 0.0, 0.0, 0.0], [0.0; 3]));
+        assert!(turn(&y.q, &multiply(&at.q, &off.q)) < 1e-14);
+        assert!(apart(&y.bias, &std::array::from_fn(|i| at.bias[i] + off.bias[i])) < 1e-16);
+        let length: f64 = y.q.iter().map(|c| c * c).sum();
+        assert!((length - 1.0).abs() < 1e-14);
+        // seen from the old reference nothing has moved but the length of the quaternion
+        let moved = LiteralSpace::local(&x, &y);
+        let along: [f64; 4] = std::array::from_fn(|i| moved[i] + x.dq[i] * (1.0 - 1.0 / size));
+        assert!(
+            apart(&along, &[0.0; 4]) < 1e-13
+                && apart(&moved, &[moved[0], moved[1], moved[2], moved[3], 0.0, 0.0, 0.0]) < 1e-15
+        );
+    }
 }

@@ -37,10 +37,13 @@ impl History {
         Self { lag, steps: VecDeque::new() }
     }
 
-    /// Remembers a step that has just been made.
+    /// Remembers a step that has just been made. It may still be taken back, so nothing is forgotten.
     pub(super) fn push(&mut self, step: PastStep) {
-        let now = step.to;
         self.steps.push_back(step);
+    }
+
+    /// Forgets what is older than the lag.
+    pub(super) fn trim(&mut self, now: f64) {
         while self.steps.front().is_some_and(|s| s.to <= now - self.lag) {
             self.steps.pop_front();
         }

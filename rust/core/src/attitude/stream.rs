@@ -211,6 +211,7 @@ impl Stream {
             None => GyroInput { rate: *rate, extra: 0.0 },
         };
         self.advance(t, &input)?;
+        self.forget();
         self.last = Some((t, *rate));
         Ok(())
     }
@@ -247,6 +248,7 @@ impl Stream {
         match report {
             Some((running, report)) => {
                 self.running = running;
+                self.forget();
                 Ok(report)
             }
             None => {
@@ -256,6 +258,12 @@ impl Stream {
                 (self.running, self.t, self.steps) = before;
                 Err(Error::NotPositiveDefinite { what: "covariance in the update", step: self.steps, t })
             }
+        }
+    }
+
+    fn forget(&mut self) {
+        if let Some(history) = &mut self.history {
+            history.trim(self.t);
         }
     }
 

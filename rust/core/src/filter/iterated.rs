@@ -95,8 +95,9 @@ impl Filter for Iterated {
             if let Some(better) = self.iterate(log, window, &belief.mean, t) {
                 *belief = better;
             }
+            // an epoch whose measurements are all rejected is none: the interval goes on
+            window.latest = Epoch { belief: *belief, t, k };
         }
-        window.latest = Epoch { belief: *belief, t, k };
         report
     }
 }
