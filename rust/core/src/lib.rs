@@ -12,6 +12,7 @@ pub mod belief;
 pub mod consistency;
 pub mod error;
 pub mod filter;
+pub mod horizon;
 pub mod linalg;
 pub mod manifold;
 pub mod model;
