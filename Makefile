@@ -68,7 +68,7 @@ test-rust: need-cargo $(STAMP_VENV)  ## the Rust tests, doctests and documentati
 	@if cargo nextest --version >/dev/null 2>&1; then \
 	  set -x; cargo nextest run $(LOCKED) --workspace; \
 	else set -x; cargo test $(LOCKED) --workspace --lib --bins --tests; fi
-	cargo test $(LOCKED) --package celestcore-core --doc
+	cargo test $(LOCKED) --workspace --doc
 	RUSTDOCFLAGS='-D warnings' cargo doc $(LOCKED) --workspace --no-deps --quiet
 
 test-python: $(STAMP_READY)  ## the Python tests, on the installed wheel

@@ -55,7 +55,7 @@ class Calibration:
     aligned : str or None
         The camera whose alignment was estimated.
     navigator : StarGyroNavigator
-        The navigator with gyro and camera corrected.
+        The navigator with gyro and camera corrected, by what is observable alone.
     solution : Solution
         Attitude and bias of the calibration run.
 
@@ -115,17 +115,18 @@ def calibrate(
     turn = _rotation_vector(out["alignment"])
     found = dict(zip(GYRO + ALIGNMENT, [*out["gyro_errors"], *turn], strict=True))
     sigma = np.sqrt(np.diag(out["full_covariance"]))[6:]
-    matrix = np.zeros((3, 3))
-    for at, value in zip(_AT, out["gyro_errors"], strict=True):
-        matrix[at] = value
+    prior_sigma = out["prior_sigma"]
+    shown = sigma < SHOWN * prior_sigma
     return Calibration(
         value={name: float(found[name]) for name in parameters},
         sigma=dict(zip(parameters, sigma.tolist(), strict=False)),
-        prior_sigma=dict(zip(parameters, out["prior_sigma"].tolist(), strict=False)),
+        prior_sigma=dict(zip(parameters, prior_sigma.tolist(), strict=False)),
         covariance=out["full_covariance"],
-        matrix=matrix,
+        matrix=_matrix(out["gyro_errors"]),
         aligned=camera,
-        navigator=_corrected(nav, matrix, list(log.stars), camera, out["alignment"]),
+        navigator=_corrected(
+            nav, _matrix(out["gyro_errors"] * shown[:9]), list(log.stars), camera, turn * shown[9:]
+        ),
         solution=solution,
     )
 
@@ -148,6 +149,13 @@ def _aligned(cameras: list[str], name: str | None) -> str | None:
     return cameras[1] if len(cameras) == 2 else None
 
 
+def _matrix(entries: Array) -> Array:
+    out = np.zeros((3, 3))
+    for at, value in zip(_AT, entries, strict=True):
+        out[at] = value
+    return out
+
+
 def _rotation_vector(q: Array) -> Array:
     from celestcore import quaternion
 
@@ -159,8 +167,9 @@ def _corrected(
     matrix: Array,
     cameras: list[str],
     camera: str | None,
-    alignment: Array,
+    turn: Array,
 ) -> StarGyroNavigator:
+    """Return the navigator with gyro errors and a camera's rotation vector [rad] taken out."""
     gyro: Gyro = nav.gyro
     before = np.eye(3) if gyro.errors is None else np.eye(3) + np.asarray(gyro.errors)
     # the errors found come on top of those already corrected: (I + E) (I + M)
@@ -171,6 +180,7 @@ def _corrected(
 
         own = nav._camera(camera)
         mounting = [1.0, 0.0, 0.0, 0.0] if own.mounting is None else own.mounting
-        turned = dataclasses.replace(own, mounting=quaternion.multiply(alignment, mounting))
+        corrected = quaternion.multiply(quaternion.exp(turn), mounting)
+        turned = dataclasses.replace(own, mounting=corrected)
         star = {name: nav._camera(name) for name in cameras} | {camera: turned}
     return type(nav)(nav.filter, gyro, star, nav.vector, gate=nav.gate)

@@ -260,6 +260,10 @@ class StarGyroNavigator:
         two cameras. What the log's motion does not show stays at its prior; see
         `Calibration.ratio`. The navigator's own filter is not used.
 
+        The filter is guided by the smoothed attitude: the rate that gyro errors are in proportion
+        to comes from there, not from the noisy readings, whose noise would pass for a scale factor
+        (errors in variables). It goes over the log six times.
+
         Parameters
         ----------
         log : SensorLog

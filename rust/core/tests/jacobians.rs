@@ -4,8 +4,8 @@
 mod common;
 
 use celestcore_core::attitude::{
-    Attitude, AttitudeBias, Calibrated, CalibratedSpace, Calibration, Direction, GyroInput, GyroInputs, GyroModel,
-    InertialError, Invariant, Literal, LiteralModel, LiteralSpace, Reference, StarQuaternion,
+    Attitude, AttitudeBias, Calibrated, CalibratedSpace, Calibration, Direction, GuidedInput, GuidedInputs, GyroInput,
+    GyroInputs, GyroModel, InertialError, Invariant, Literal, LiteralModel, LiteralSpace, Reference, StarQuaternion,
 };
 use celestcore_core::linalg::{Matrix, congruence, zeros};
 use celestcore_core::manifold::Manifold;
@@ -49,11 +49,11 @@ impl Dynamics<6> for Plain<Invariant> {
 }
 impl Dynamics<18> for Plain<Calibration> {
     type Space = CalibratedSpace;
-    type Input = GyroInputs;
+    type Input = GuidedInputs;
     fn step<T: celestcore_core::scalar::Real>(
         &self,
         x: &Calibrated<T>,
-        u: &GyroInput<T>,
+        u: &GuidedInput<T>,
         t: T,
         dt: T,
     ) -> Calibrated<T> {
@@ -62,7 +62,7 @@ impl Dynamics<18> for Plain<Calibration> {
     fn noise<T: celestcore_core::scalar::Real>(
         &self,
         x: &Calibrated<T>,
-        u: &GyroInput<T>,
+        u: &GuidedInput<T>,
         t: T,
         dt: T,
     ) -> Matrix<T, 18, 18> {
@@ -292,13 +292,23 @@ fn literal_noise_is_the_gyros_on_half_angles() {
     }
 }
 
-fn calibrated() -> impl Iterator<Item = (Calibration, Calibrated<f64>, GyroInput<f64>, f64)> {
+/// The rate for which the gyro reads `u`.
+fn corrected(x: &Calibrated<f64>, u: &GyroInput<f64>) -> [f64; 3] {
+    let g = &x.gyro;
+    let m = Matrix::<f64, 3, 3>::new(1.0 + g[0], g[3], g[4], g[5], 1.0 + g[1], g[6], g[7], g[8], 1.0 + g[2]);
+    let rate = m.lu().solve(&Matrix::<f64, 3, 1>::from_fn(|i, _| u.rate[i] - x.bias[i])).unwrap();
+    [rate[0], rate[1], rate[2]]
+}
+
+/// The rate that guides is the corrected one here: then the transition is a derivative.
+fn calibrated() -> impl Iterator<Item = (Calibration, Calibrated<f64>, GuidedInput<f64>, f64)> {
     let mut normal = normals(31);
     models().map(move |(model, x, u, dt)| {
         let gyro = std::array::from_fn(|_| 0.02 * normal());
         let alignment = exp(&std::array::from_fn(|_| 0.5 * normal()));
         let calibration = Calibration { model, aligned: Some(1), prior: [0.01, 0.01, 0.01] };
-        (calibration, Calibrated { q: x.q, bias: x.bias, gyro, alignment }, u, dt)
+        let x = Calibrated { q: x.q, bias: x.bias, gyro, alignment };
+        (calibration, x, GuidedInput { gyro: u, guide: corrected(&x, &u) }, dt)
     })
 }
 
@@ -313,12 +323,8 @@ fn calibration_transition_is_the_derivative_of_its_step() {
 #[test]
 fn calibration_turns_at_the_corrected_rate() {
     for (calibration, x, u, dt) in calibrated() {
-        let g = &x.gyro;
-        let m = Matrix::<f64, 3, 3>::new(1.0 + g[0], g[3], g[4], g[5], 1.0 + g[1], g[6], g[7], g[8], 1.0 + g[2]);
-        let less = Matrix::<f64, 3, 1>::from_fn(|i, _| u.rate[i] - x.bias[i]);
-        let rate = m.lu().solve(&less).unwrap();
         let plain = Attitude { q: x.q, bias: [0.0; 3] };
-        let input = GyroInput { rate: [rate[0], rate[1], rate[2]], extra: u.extra };
+        let input = GyroInput { rate: corrected(&x, &u.gyro), extra: u.gyro.extra };
         let (y, expected) = (calibration.step(&x, &u, 0.0, dt), calibration.model.step(&plain, &input, 0.0, dt));
         let off = difference(&expected.q, &y.q);
         assert!(off.iter().all(|c| c.abs() < 1e-13), "{off:?}");

@@ -7,9 +7,9 @@ use crate::listener::Listener;
 use crate::quaternions::integrator;
 use celestcore_core::Error;
 use celestcore_core::attitude::{
-    AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, Calibration, Columns, DirectionSeries,
-    GyroModel, GyroSeries, GyroTiming, Log, Measured, Options, Sampling, StarSeries, calibrate as run_calibration,
-    first_fix, rows as rows_of, run, smooth,
+    AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, CALIBRATION_PASSES, Calibration, Columns,
+    DirectionSeries, GyroModel, GyroSeries, GyroTiming, Log, Measured, Options, Sampling, StarSeries,
+    calibrate as run_calibration, first_fix, rows as rows_of, run, smooth,
 };
 use celestcore_core::filter::{Ekf, Iterated, SrUkf, Ukf, Unscented};
 use celestcore_core::replay::{Output, Start};
@@ -164,6 +164,7 @@ impl<'py> Replayed<'py> {
         &self,
         py: Python<'py>,
         passes: usize,
+        aligned: Option<usize>,
         job: impl Send + FnOnce(Log<'_>, &Begin, &Options, Columns<'_>, Measured<'_>, Poll<'_>) -> Result<R, Error>,
     ) -> PyResult<(Bound<'py, PyDict>, R)> {
         let model = self.setup.model(py)?;
@@ -173,7 +174,7 @@ impl<'py> Replayed<'py> {
         let borrowed = self.sensors.iter().map(Sensor::new).collect::<PyResult<Vec<_>>>()?;
         let series = borrowed.iter().map(Sensor::series).collect::<PyResult<Vec<_>>>()?;
         let sensors = AttitudeSensors::new(&series, self.setup.gate).map_err(|e| raise(py, e))?;
-        let start = self.begin(py, &gyro, &sensors, &model)?;
+        let start = self.begin(py, &gyro, &sensors, &model, aligned)?;
         let options = self.options();
         let rows = rows_of(&gyro, &sensors, &start, options.output).map_err(|e| raise(py, e))?;
         let arrays = Arrays::new(py, rows, self.covariance).map_err(|e| {
@@ -209,17 +210,25 @@ impl<'py> Replayed<'py> {
         gyro: &GyroSeries<'_>,
         sensors: &AttitudeSensors<'_>,
         model: &GyroModel,
+        aligned: Option<usize>,
     ) -> PyResult<Begin> {
         let start = match &self.start {
-            Some((t, q, p)) => Ok(Start {
+            Some((t, q, p)) => Start {
                 t: *t,
                 mean: Attitude { q: *q, bias: self.bias0 },
                 covariance: matrix6(p, "initial covariance")?,
                 used: None,
-            }),
-            None => first_fix(gyro, sensors, model, self.bias0, self.bias_sigma),
+            },
+            None => {
+                // a camera whose alignment is not known tells no attitude to start from
+                let known = sensors.without(aligned);
+                let mut start =
+                    first_fix(gyro, &known, model, self.bias0, self.bias_sigma).map_err(|e| raise(py, e))?;
+                start.used = start.used.and_then(|i| sensors.find(known.source(i)));
+                start
+            }
         };
-        start.map_err(|e| raise(py, e))
+        Ok(start)
     }
 }
 
@@ -230,10 +239,11 @@ type Poll<'a> = &'a mut dyn FnMut(usize) -> Result<(), Error>;
 #[pyfunction]
 fn replay<'py>(py: Python<'py>, log: Replayed<'py>, smoothed: bool) -> PyResult<Bound<'py, PyDict>> {
     let filter = log.setup.filter(py)?;
-    let (out, end) = log.call(py, 1 + usize::from(smoothed), |log, start, options, columns, measured, poll| {
-        let call = if smoothed { smooth } else { run };
-        call(&filter, log, start, options, columns, measured, poll)
-    })?;
+    let (out, end) =
+        log.call(py, 1 + usize::from(smoothed), None, |log, start, options, columns, measured, poll| {
+            let call = if smoothed { smooth } else { run };
+            call(&filter, log, start, options, columns, measured, poll)
+        })?;
     finish(py, &out, (end.t, end.outside, end.log_likelihood), &end.mean)?;
     out.set_item("final_covariance", table(py, as_rows(&end.covariance))?)?;
     Ok(out)
@@ -249,7 +259,7 @@ fn calibrate<'py>(
     prior: [f64; 3],
 ) -> PyResult<Bound<'py, PyDict>> {
     let calibration = Calibration { model: log.setup.model(py)?, aligned, prior };
-    let (out, end) = log.call(py, 1, |log, start, options, columns, measured, poll| {
+    let (out, end) = log.call(py, CALIBRATION_PASSES, aligned, |log, start, options, columns, measured, poll| {
         run_calibration(&calibration, log, start, options, columns, measured, poll)
     })?;
     let mean = Attitude { q: end.mean.q, bias: end.mean.bias };

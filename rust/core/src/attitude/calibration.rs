@@ -1,8 +1,14 @@
 //! A state that also holds the gyro's scale factors and misalignments and the alignment of a second
 //! camera.
+//!
+//! What a scale factor does is in proportion to the true rate. The measured one stands for it badly: its
+//! noise is also in the attitude that it has driven, so that noise would pass for a scale factor
+//! (errors in variables). The step therefore brings a second rate, from the smoothed attitude: given all
+//! measurements its error is not correlated with the gyro noise that is left over.
 
 use super::gyro::{GyroInput, GyroInputs, GyroModel};
 use super::sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
+use super::series::GyroSeries;
 use super::state::{Attitude, UnitQuaternion, Vector3};
 use super::system::System;
 use crate::filter::Filter;
@@ -12,7 +18,7 @@ use crate::model::{Dynamics, Measurement};
 use crate::quaternion::{
     Quaternion, difference, exp, integrate, multiply, norm_squared, renormalise, right_jacobian, to_matrix,
 };
-use crate::replay::{MAX_DOF, Report};
+use crate::replay::{Drive, MAX_DOF, Report};
 use crate::scalar::Real;
 
 /// Number of error states.
@@ -33,6 +39,13 @@ pub struct Calibrated<T> {
     /// Rotation from the body frame as the other camera has it to the body frame: its fixes are
     /// `q ⊗ alignment`.
     pub alignment: Quaternion<T>,
+}
+
+impl Calibrated<f64> {
+    /// A measured rate without the gyro errors; its bias stays, in other axes.
+    pub fn corrected(&self, rate: &[f64; 3]) -> [f64; 3] {
+        apply(&Calibration::correction(self), rate)
+    }
 }
 
 /// The space of [`Calibrated`]. Error state: attitude (3), bias (3), gyro matrix (9, in the order of
@@ -156,6 +169,64 @@ impl Calibration {
     }
 }
 
+/// Gyro reading over one step, and the rate that its errors are in proportion to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GuidedInput<T> {
+    /// The reading.
+    pub gyro: GyroInput<T>,
+    /// Rate from the smoothed attitude, body frame, rad/s.
+    pub guide: [T; 3],
+}
+
+/// [`GuidedInput`] over every scalar.
+pub struct GuidedInputs;
+
+impl Family for GuidedInputs {
+    type Of<T: Real> = GuidedInput<T>;
+    #[inline(always)]
+    fn zip<A: Real, B: Real, C: Real>(
+        a: &GuidedInput<A>,
+        b: &GuidedInput<B>,
+        mut f: impl FnMut(A, B) -> C,
+    ) -> GuidedInput<C> {
+        GuidedInput { gyro: GyroInputs::zip(&a.gyro, &b.gyro, &mut f), guide: Vector3::zip(&a.guide, &b.guide, &mut f) }
+    }
+}
+
+/// Gyro samples with the rates of a smoothed attitude.
+#[derive(Clone, Copy, Debug)]
+pub struct GuidedSeries<'a> {
+    /// The samples.
+    pub gyro: &'a GyroSeries<'a>,
+    /// Rate between each sample and the next, rad/s.
+    pub guide: &'a [[f64; 3]],
+}
+
+impl Drive<Calibration, CALIBRATED> for GuidedSeries<'_> {
+    #[inline(always)]
+    fn times(&self) -> &[f64] {
+        self.gyro.t
+    }
+    #[inline(always)]
+    fn input<T: Real>(&self, k: usize) -> GuidedInput<T> {
+        GuidedInputs::map(&GuidedInput { gyro: self.gyro.between(k), guide: self.guide[k] }, T::splat)
+    }
+}
+
+/// Rates between samples from attitudes at the samples, of which the first is that at the start, within
+/// the interval after sample `first`; before it the measured ones.
+pub(super) fn guide(gyro: &GyroSeries<'_>, first: usize, t: &[f64], q: &[[f64; 4]]) -> Vec<[f64; 3]> {
+    let mut rates: Vec<[f64; 3]> = (0..gyro.t.len()).map(|k| gyro.between(k).rate).collect();
+    for (j, pair) in q.windows(2).enumerate() {
+        let dt = t[j + 1] - t[j];
+        rates[first + j] = difference(&pair[0], &pair[1]).map(|v| v / dt);
+    }
+    if let [.., before, last] = rates.as_mut_slice() {
+        *last = *before;
+    }
+    rates
+}
+
 /// The plain attitude filter's view of the corrected rate.
 #[inline(always)]
 fn plain<T: Real>(x: &Calibrated<T>, rate: &Vector<T, 3>, u: &GyroInput<T>) -> (Attitude<T>, GyroInput<T>) {
@@ -164,11 +235,11 @@ fn plain<T: Real>(x: &Calibrated<T>, rate: &Vector<T, 3>, u: &GyroInput<T>) -> (
 
 impl Dynamics<CALIBRATED> for Calibration {
     type Space = CalibratedSpace;
-    type Input = GyroInputs;
+    type Input = GuidedInputs;
 
     #[inline(always)]
-    fn step<T: Real>(&self, x: &Calibrated<T>, u: &GyroInput<T>, _t: T, dt: T) -> Calibrated<T> {
-        let (rate, _) = Self::rate(x, u);
+    fn step<T: Real>(&self, x: &Calibrated<T>, u: &GuidedInput<T>, _t: T, dt: T) -> Calibrated<T> {
+        let (rate, _) = Self::rate(x, &u.gyro);
         Calibrated { q: integrate(&x.q, &rate, dt, self.model.integrator), ..*x }
     }
 
@@ -176,30 +247,30 @@ impl Dynamics<CALIBRATED> for Calibration {
     fn transition<T: Real>(
         &self,
         x: &Calibrated<T>,
-        u: &GyroInput<T>,
+        u: &GuidedInput<T>,
         t: T,
         dt: T,
     ) -> Matrix<T, CALIBRATED, CALIBRATED> {
-        let (rate, correction) = Self::rate(x, u);
-        let (attitude, input) = plain(x, &rate, u);
+        let (rate, correction) = Self::rate(x, &u.gyro);
+        let (attitude, input) = plain(x, &rate, &u.gyro);
         let six = self.model.transition(&attitude, &input, t, dt);
         let coupling: Matrix<T, 3, 3> = mul(&block::<T, 6, 6, 3, 3>(&six, 0, 3), &correction);
         let mut f = identity();
         set_block(&mut f, 0, 0, &block::<T, 6, 6, 3, 3>(&six, 0, 0));
         set_block(&mut f, 0, 3, &coupling);
-        // an error of entry (r, c) acts as a bias of ω_c on axis r
+        // an error of entry (r, c) acts as a bias of ω_c on axis r; by the guide, see above
         for (k, (r, c)) in ENTRIES.into_iter().enumerate() {
             for i in 0..3 {
-                f[(i, 6 + k)] = coupling[(i, r)] * rate[c];
+                f[(i, 6 + k)] = coupling[(i, r)] * u.guide[c];
             }
         }
         f
     }
 
     #[inline(always)]
-    fn noise<T: Real>(&self, x: &Calibrated<T>, u: &GyroInput<T>, t: T, dt: T) -> Matrix<T, CALIBRATED, CALIBRATED> {
-        let (rate, _) = Self::rate(x, u);
-        let (attitude, input) = plain(x, &rate, u);
+    fn noise<T: Real>(&self, x: &Calibrated<T>, u: &GuidedInput<T>, t: T, dt: T) -> Matrix<T, CALIBRATED, CALIBRATED> {
+        let (rate, _) = Self::rate(x, &u.gyro);
+        let (attitude, input) = plain(x, &rate, &u.gyro);
         let mut q = zeros();
         set_block(&mut q, 0, 0, &self.model.noise(&attitude, &input, t, dt));
         q

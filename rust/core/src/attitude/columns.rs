@@ -52,7 +52,7 @@ pub struct Rows {
     pub measured: usize,
 }
 
-/// Counts the rows that [`run`] writes.
+/// Counts the rows that [`super::run`] writes.
 ///
 /// # Errors
 /// An output rate that is not positive, or so high that the rows cannot be counted.
@@ -145,7 +145,7 @@ impl Buffers {
         }
     }
 
-    /// The columns to hand to [`run`].
+    /// The columns to hand to [`super::run`].
     pub fn columns(&mut self) -> (Columns<'_>, Measured<'_>) {
         let [sensor, row, dof] = &mut self.source;
         let columns = Columns {

@@ -16,13 +16,13 @@ mod stream;
 mod system;
 pub mod wahba;
 
-pub use calibration::{CALIBRATED, Calibrated, CalibratedSpace, Calibration};
+pub use calibration::{CALIBRATED, Calibrated, CalibratedSpace, Calibration, GuidedInput, GuidedInputs, GuidedSeries};
 pub use columns::{Buffers, Columns, Measured, Rows, rows};
 pub use gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming, Sampling};
 pub use history::{PastStep, SmoothedState};
 pub use invariant::{InertialError, Invariant};
 pub use literal::{ErrorQuaternion, Literal, LiteralModel, LiteralSpace};
-pub use run::{AnyFilter, Log, Options, calibrate, run, smooth};
+pub use run::{AnyFilter, CALIBRATION_PASSES, Log, Options, calibrate, run, smooth};
 pub use sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
 pub use series::{AttitudeSensor, AttitudeSensors, DirectionSeries, GyroSeries, StarSeries};
 pub use start::first_fix;

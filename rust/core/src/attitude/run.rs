@@ -1,8 +1,8 @@
 //! A whole log in one call: columns in, columns out.
 
-use super::calibration::{CALIBRATED, CalibratedSpace, Calibration};
-use super::columns::{Columns, Measured, rows};
-use super::gyro::GyroModel;
+use super::calibration::{CALIBRATED, CalibratedSpace, Calibration, GuidedSeries, guide};
+use super::columns::{Buffers, Columns, Measured, rows};
+use super::gyro::{GyroInputs, GyroModel};
 use super::invariant::Invariant;
 use super::literal::LiteralModel;
 use super::series::{AttitudeSensors, GyroSeries};
@@ -11,7 +11,7 @@ use super::system::{Seen, System};
 use crate::belief::Belief;
 use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, Iterated, SrUkf, Ukf};
-use crate::replay::{End, MAX_DOF, Output, Recorder, Replay, Report, Sink, Start, smooth as back};
+use crate::replay::{Drive, End, MAX_DOF, Output, Recorder, Replay, Report, Sink, Start, smooth as back};
 use crate::scalar::{Level, Real, Run};
 
 /// The filters, chosen at run time, once per run.
@@ -176,7 +176,12 @@ pub fn smooth<'a>(
     Call { log, start, options, columns, measured, poll, back: true }.dispatch(filter)
 }
 
-/// Replays a log with the extended Kalman filter on the state that also holds calibration parameters.
+/// How often [`calibrate`] goes over a log: there, back, and there again with the calibration, twice.
+pub const CALIBRATION_PASSES: usize = 6;
+
+/// Replays a log with the extended Kalman filter on the state that also holds calibration parameters. A
+/// smoothed attitude guides it; the second time it is that of the gyro corrected by what the first time
+/// has found. `poll` is called with numbers up to [`CALIBRATION_PASSES`] times that of the samples.
 ///
 /// # Errors
 /// See [`run`].
@@ -189,9 +194,45 @@ pub fn calibrate<'a>(
     measured: Measured<'a>,
     poll: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<End<CalibratedSpace, CALIBRATED>> {
+    let n = log.gyro.t.len();
+    let every = Options { output: Output::Every(1), ..*options };
+    let first = {
+        let guide = smoothed_rates(calibration, log, start, &every, log.gyro.rate, poll)?;
+        let drive = GuidedSeries { gyro: log.gyro, guide: &guide };
+        let mut memory = Buffers::new(rows(log.gyro, log.sensors, start, every.output)?, false);
+        let (columns, measured) = memory.columns();
+        let poll = &mut |k| poll(2 * n + k);
+        let call = Call { log, start, options: &every, columns, measured, poll, back: false };
+        call.pass(Baseline, &Ekf::default(), calibration, &drive)?.mean
+    };
+    let rate: Vec<[f64; 3]> = log.gyro.rate.iter().map(|rate| first.corrected(rate)).collect();
+    let guide = smoothed_rates(calibration, log, start, &every, &rate, &mut |k| poll(3 * n + k))?;
+    let drive = GuidedSeries { gyro: log.gyro, guide: &guide };
+    let poll = &mut |k| poll(5 * n + k);
     let call = Call { log, start, options, columns, measured, poll, back: false };
     call.check()?;
-    call.pass(Baseline, &Ekf::default(), calibration)
+    call.pass(Baseline, &Ekf::default(), calibration, &drive)
+}
+
+/// Rates of the smoothed attitude that gyro readings `rate` and the cameras of known alignment give.
+fn smoothed_rates(
+    calibration: &Calibration,
+    log: Log<'_>,
+    start: &Start<AttitudeBias, 6>,
+    options: &Options,
+    rate: &[[f64; 3]],
+    poll: &mut dyn FnMut(usize) -> Result<()>,
+) -> Result<Vec<[f64; 3]>> {
+    let gyro = GyroSeries { rate, ..*log.gyro };
+    let sensors = log.sensors.without(calibration.aligned);
+    let used = start.used.and_then(|i| sensors.find(log.sensors.source(i)));
+    let start = Start { used, ..*start };
+    let mut memory = Buffers::new(rows(&gyro, &sensors, &start, options.output)?, false);
+    let (columns, measured) = memory.columns();
+    let log = Log { gyro: &gyro, sensors: &sensors, ..log };
+    smooth(&AnyFilter::Ekf(Ekf::default()), log, &start, options, columns, measured, poll)?;
+    let first = gyro.t.partition_point(|t| *t <= start.t).saturating_sub(1);
+    Ok(guide(&gyro, first, &memory.t, &memory.q))
 }
 
 /// One call of [`run`], [`smooth`] or [`calibrate`].
@@ -240,13 +281,14 @@ impl Call<'_, '_> {
         Ok(())
     }
 
-    fn with<F: Filter, Y: System<N>, const N: usize>(
+    fn with<F: Filter, Y: System<N, Input = GyroInputs>, const N: usize>(
         self,
         runner: impl Runner,
         filter: &F,
         system: &Y,
     ) -> Result<End<AttitudeBias, 6>> {
-        let end = self.pass(runner, filter, system)?;
+        let gyro = self.log.gyro;
+        let end = self.pass(runner, filter, system, gyro)?;
         Ok(End {
             t: end.t,
             mean: system.attitude(&end.mean),
@@ -256,11 +298,12 @@ impl Call<'_, '_> {
         })
     }
 
-    fn pass<F: Filter, Y: System<N>, const N: usize>(
+    fn pass<F: Filter, Y: System<N>, I: Drive<Y, N>, const N: usize>(
         self,
         runner: impl Runner,
         filter: &F,
         system: &Y,
+        drive: &I,
     ) -> Result<End<Y::Space, N>> {
         let (mean, covariance) = system.start(&self.start.mean, &self.start.covariance);
         let start = Start { t: self.start.t, mean, covariance, used: self.start.used };
@@ -278,7 +321,7 @@ impl Call<'_, '_> {
         };
         let sensors = Seen { sensors: self.log.sensors, system };
         let output = self.options.output;
-        let replay = Replay { filter, dynamics: system, drive: self.log.gyro, sensors: &sensors, output };
+        let replay = Replay { filter, dynamics: system, drive, sensors: &sensors, output };
         // no more steps than samples and measurements together; memory not written is not used
         let nodes = self.log.gyro.t.len() + self.log.sensors.len();
         let recorder = self.back.then(|| Recorder::new(nodes, rows));
@@ -334,14 +377,14 @@ impl<Y: System<N>, const N: usize> Sink<Y::Space, N> for Pass<'_, Y, N> {
 }
 
 /// A pass of one filter on one system, and the way back if it was recorded.
-struct Job<'a, 'c, F, Y: System<N>, const N: usize> {
-    replay: Replay<'c, F, Y, GyroSeries<'a>, Seen<'a, Y>>,
+struct Job<'a, 'c, F, Y: System<N>, I, const N: usize> {
+    replay: Replay<'c, F, Y, I, Seen<'a, Y>>,
     start: &'c Start<Y::Space, N>,
     pass: Pass<'a, Y, N>,
     poll: &'c mut dyn FnMut(usize) -> Result<()>,
 }
 
-impl<F: Filter, Y: System<N>, const N: usize> Run for Job<'_, '_, F, Y, N> {
+impl<F: Filter, Y: System<N>, I: Drive<Y, N>, const N: usize> Run for Job<'_, '_, F, Y, I, N> {
     type Output = Result<End<Y::Space, N>>;
     #[inline(always)]
     fn run<T: Real<Mask = bool>>(mut self) -> Self::Output {

@@ -136,6 +136,18 @@ impl<'a> AttitudeSensors<'a> {
         Ok(Self { sensors, order, gates: gates(gate)? })
     }
 
+    /// The same without the fixes of one sensor; numbers of sensors stay.
+    pub fn without(&self, sensor: Option<usize>) -> Self {
+        let mut other = self.clone();
+        other.order.retain(|(i, _)| Some(*i as usize) != sensor);
+        other
+    }
+
+    /// Which measurement is this row of this sensor.
+    pub fn find(&self, (sensor, row): (usize, usize)) -> Option<usize> {
+        self.order.iter().position(|(i, k)| (*i as usize, *k as usize) == (sensor, row))
+    }
+
     /// Sensor and row of the i-th measurement in order of time.
     pub fn source(&self, i: usize) -> (usize, usize) {
         let (sensor, row) = self.order[i];

@@ -1,6 +1,6 @@
 //! What the attitude filters have in common whatever their state is made of.
 
-use super::gyro::{GyroInputs, GyroModel};
+use super::gyro::GyroModel;
 use super::sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
 use super::series::{AttitudeSensor, AttitudeSensors};
 use super::state::{Attitude, UnitQuaternion, Vector3};
@@ -12,9 +12,9 @@ use crate::model::{Dynamics, State};
 use crate::replay::{MAX_DOF, Report, Sensors};
 use crate::scalar::Real;
 
-/// A gyro-driven state that holds an attitude and a gyro bias, and what the sensors make of it. Its start
+/// A state driven by a gyro that holds an attitude and a gyro bias, and what the sensors make of it. Its start
 /// and its results are those of [`super::AttitudeBias`]: an error in the body frame, and a bias.
-pub trait System<const N: usize>: Dynamics<N, Input = GyroInputs> {
+pub trait System<const N: usize>: Dynamics<N> {
     /// The state for an attitude and a bias, and its covariance from theirs.
     fn start(&self, x: &Attitude<f64>, p: &Matrix<f64, 6, 6>) -> (State<Self, f64, N>, Matrix<f64, N, N>);
     /// The attitude and bias of a state.
