@@ -6,6 +6,8 @@ import celestcore as cc
 import numpy as np
 import pytest
 from celestcore.reproduce import _blocks, _model, star_gyro
+from celestcore.reproduce._theory import theory
+from celestcore.reproduce.star_gyro import PAPER_EKF, PAPER_UKF
 from celestcore.units import ARCSEC, ARCSEC_PER_S
 from simulate import FloatArray, discretise
 
@@ -51,6 +53,47 @@ def test_fitted_blocks_are_as_large_as_theory_says(star: float) -> None:
         np.testing.assert_allclose(figures, expected(cell, gyro, walk), rtol=0.03)
         swapped = _model.figures(found[name + "_swapped"]["rms"])
         np.testing.assert_allclose(_model.figures(found[name]["rms"]), swapped, rtol=1e-6)
+
+
+def test_all_cells_with_the_extended_filter() -> None:
+    """R1, R2 and T of section S in all 36 cells, as `star_gyro.run` does them, with 8 orbits."""
+    truth, orbits, ekf = _blocks._truth(), 8, cc.EKF()
+    found: dict[str, list[FloatArray]] = {"r1": [], "r2": [], "mekf": []}
+    nees = []
+    for cell in _model.cells():
+        fitted = {
+            "r1": _model.fitted(cell, ekf, _model.R1_GYRO, 0.0),
+            "r2": _model.fitted(cell, ekf, _model.R2_GYRO, _model.R2_WALK),
+        }
+        result = {}
+        for told, bias in (
+            (fitted, _model.FIT_BIAS_SIGMA),
+            ({"mekf": _model.tuned(cell, ekf)}, _model.BIAS_SIGMA),
+        ):
+            result |= cc.monte_carlo(
+                _blocks._scenario(truth, cell.star, cell.gyro, bias),
+                told,
+                trials=orbits,
+                seed=31,
+                first=cell.index * orbits,
+                skip=_model.SKIP,
+                sigma0=(1.0, bias),
+            )
+        for name, rows in found.items():
+            rows.append(np.sqrt(np.mean(_model.figures(result[name].rms) ** 2, axis=0)))
+        nees.append(result["mekf"].nees_attitude.mean() / 3.0)
+    figures = {name: np.reshape(rows, PAPER_UKF.shape) for name, rows in found.items()}
+    within = {
+        "r1": np.sum(np.abs(figures["r1"] / PAPER_UKF - 1.0) < 0.1),
+        "r2": np.sum(np.abs(figures["r2"] / PAPER_EKF - 1.0) < 0.1),
+    }
+    bound = theory(_model.cells()).filter.reshape(PAPER_UKF.shape)
+    ratio = figures["mekf"] / bound
+    print(within, ratio.mean(), np.mean(nees), np.sum(figures["mekf"] < PAPER_UKF))
+    assert min(within.values()) >= 100
+    assert ratio.mean() == pytest.approx(1.0, abs=0.01)
+    assert np.mean(nees) == pytest.approx(1.0, abs=0.03)
+    assert 82 <= np.sum(figures["mekf"] < PAPER_UKF) <= 90  # about 86
 
 
 @pytest.mark.long
