@@ -173,6 +173,8 @@ class Gyro:
 
 def _errors(value: ArrayLike) -> tuple[tuple[float, ...], ...]:
     m = array(value, "gyro.errors", (3, 3))
+    if not np.isfinite(m).all():
+        raise InputError("must be finite", field="gyro.errors")
     size = float(np.linalg.norm(m))
     if not size < _LARGE_ERRORS:
         raise InputError(

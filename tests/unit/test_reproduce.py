@@ -212,10 +212,13 @@ def test_swap_that_differs_is_seen(result: star_gyro.Result) -> None:
 
 
 def test_few_runs_are_not_judged(result: star_gyro.Result) -> None:
-    few = dataclasses.replace(result, runs=1)
+    few = dataclasses.replace(result, runs=1, n_runs=10)
     judged = [t for t in few.targets() if t.met is not None]
     assert all("equal" in t.asked for t in judged)
     assert "not judged" in page(few, drawn=NO_PICTURES)
+    # block N is judged by its own number of runs
+    only_n = dataclasses.replace(result, runs=1).targets()
+    assert {t.block for t in only_n if t.met is not None and "equal" not in t.asked} == {"N"}
     np.testing.assert_allclose(tolerance(few, "mekf").max(), 3 * few.theory.scatter_filter.max())
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 WITHIN = 0.10
 AT_LEAST = 100
+N_RUNS = 100  # from which block N is judged
 EQUAL = 1e-6
 MEAN = 0.01
 NEES = (0.97, 1.03)
@@ -199,7 +200,7 @@ def _slow_fixes(result: Result) -> list[Target]:
     names = [name for name in ("MEKF", "USQUE", "iterated MEKF") if name in rows]
     nees = {name: float(rows[name]["median_nees_6"]) for name in names}
     met = nees["MEKF"] > 10.0 and all(nees[name] < 2.0 for name in names[1:])
-    complete = len(names) == 3 and result.full
+    complete = len(names) == 3 and result.n_runs >= N_RUNS
     found = ", ".join(f"{name} {value:.2g}" for name, value in nees.items())
     return [Target("N", asked, found, met if complete else None)]
 
@@ -226,7 +227,7 @@ def _lost(
     limit = f"at most {most:g} %" if most is not None else f"at least {least:g} %"
     values = [rows[key] for key in keys if key in rows]
     met: bool | None = None
-    if len(values) == len(keys) and result.full:
+    if len(values) == len(keys) and result.n_runs >= N_RUNS:
         met = (
             all(v <= most for v in values)
             if most is not None

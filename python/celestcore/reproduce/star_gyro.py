@@ -21,7 +21,7 @@ from celestcore.reproduce import _blocks, _model, _n_block, _paper
 from celestcore.reproduce._blocks import FITTED, TUNED, Scores
 from celestcore.reproduce._paper import EKF as PAPER_EKF
 from celestcore.reproduce._paper import UKF as PAPER_UKF
-from celestcore.reproduce._targets import Target, targets
+from celestcore.reproduce._targets import N_RUNS, Target, targets
 from celestcore.reproduce._theory import Theory, theory
 from celestcore.solution import package_version
 
@@ -32,7 +32,6 @@ Progress = Callable[[int, int, str], object]
 
 RUNS = 16
 """Orbits a cell, as the experiment is defined."""
-N_RUNS = 100
 """Runs of each case of block N."""
 QUICK_RUNS, QUICK_N_RUNS = 1, 10
 
