@@ -32,7 +32,6 @@ Progress = Callable[[int, int, str], object]
 
 RUNS = 16
 """Orbits a cell, as the experiment is defined."""
-"""Runs of each case of block N."""
 QUICK_RUNS, QUICK_N_RUNS = 1, 10
 
 
