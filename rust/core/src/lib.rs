@@ -15,6 +15,7 @@ pub mod filter;
 pub mod linalg;
 pub mod manifold;
 pub mod model;
+pub mod orbit;
 pub mod quaternion;
 pub mod replay;
 pub mod scalar;

@@ -6,6 +6,7 @@ mod campaign;
 mod columns;
 mod convert;
 mod errors;
+mod orbit;
 mod quaternions;
 mod replay;
 mod simulate;
@@ -38,5 +39,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     wahba::register(m)?;
     simulate::register(m)?;
     campaign::register(m)?;
+    orbit::register(m)?;
     stream::register(m)
 }
