@@ -271,9 +271,9 @@ class ForceModel:
 
         Examples
         --------
-        >>> a = ForceModel.two_body().acceleration([0.0], [[7e6, 0, 0]], [[0, 7500, 0]])
+        >>> a = ForceModel.two_body().acceleration([0.0], [[7e6, 7e6, 0]], [[0, 0, 0]])
         >>> a.round(3).tolist()
-        [[-8.135, 0.0, 0.0]]
+        [[-2.876, -2.876, -0.0]]
         """
         return self._accelerations(t, r, v, environment)[0]
 

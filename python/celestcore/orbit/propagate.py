@@ -130,7 +130,7 @@ def propagate(
     Examples
     --------
     >>> from celestcore import orbit
-    >>> r0, v0 = [7e6, 0.0, 0.0], [0.0, 7546.049, 0.0]
+    >>> r0, v0 = [7e6, 0.0, 0.0], [0.0, 7546.0533, 0.0]
     >>> circle = orbit.propagate(orbit.ForceModel.two_body(), None, r0, v0, [0.0, 3000.0])
     >>> float(np.linalg.norm(circle.r[1]).round(-1))
     7000000.0
