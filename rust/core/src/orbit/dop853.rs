@@ -61,7 +61,7 @@ impl<T: Real<Mask = bool>, const N: usize> Dop853<T, N> {
             let free = self.edge.map_or(self.h, |(h, _)| h);
             // neither a sliver at the end nor a step beyond it
             let h = if free * 1.01 >= remaining && self.edge.is_none() { remaining } else { free } * self.sign;
-            if !(h.abs() > 1e-13 * self.t.abs().max(1.0)) {
+            if h.is_nan() || h.abs() <= 1e-13 * self.t.abs().max(1.0) {
                 return Err(Error::Parameter { field: "rtol", value: self.rtol, need: UNREACHED });
             }
             self.stages::<R, 1, 12>(rhs, h);

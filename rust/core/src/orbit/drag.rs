@@ -98,8 +98,8 @@ static LAYERS: LazyLock<[Layer; 49]> = LazyLock::new(|| {
 #[inline(always)]
 pub fn harris_priester(height: f64) -> [f64; 4] {
     let km = height * 1e-3;
-    if !(km < 1000.0) {
-        return [if km >= 1000.0 { 0.0 } else { f64::NAN }; 4];
+    if km.is_nan() || km >= 1000.0 {
+        return [if km.is_nan() { km } else { 0.0 }; 4];
     }
     let layer = if km < 120.0 {
         0.0
@@ -174,7 +174,7 @@ impl Drag {
     #[inline(always)]
     fn air<T: Real>(&self, at: &Moment<T>, r: &[T; 3], v: &[T; 3]) -> Air<T> {
         let (height, up) = geodetic(&rotate(&at.to_earth, r));
-        let up = at.from_earth(&up);
+        let up = at.inertial(&up);
         let mut each = [[0.0; 4]; 8];
         for i in 0..T::LANES {
             each[i] = harris_priester(height.lane(i));

@@ -54,7 +54,7 @@ pub struct Moment<T> {
 }
 
 /// rad of Earth rotation per s of UT1 (IAU 2000, Capitaine et al. 2000).
-const ERA_RATE: f64 = TAU * 1.002_737_811_911_354_48 / 86_400.0;
+const ERA_RATE: f64 = TAU * 1.002_737_811_911_354_5 / 86_400.0;
 
 #[derive(Clone, Copy, Debug)]
 struct Uniform {
@@ -237,7 +237,7 @@ impl<T: Real> Moment<T> {
 
     /// The up direction in the GCRS for one in the ITRS.
     #[inline(always)]
-    pub(super) fn from_earth(&self, v: &[T; 3]) -> [T; 3] {
+    pub(super) fn inertial(&self, v: &[T; 3]) -> [T; 3] {
         rotate_back(&self.to_earth, v)
     }
 

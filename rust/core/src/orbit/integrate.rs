@@ -105,10 +105,8 @@ impl Rhs<42> for Variational<'_> {
     fn slope<T: Real>(&self, at: &Moment<T>, y: &[T; 42]) -> [T; 42] {
         let g = self.0.gradient(at, &[y[0], y[1], y[2]], &[y[3], y[4], y[5]]);
         let mut out = [T::zero(); 42];
-        for i in 0..3 {
-            out[i] = y[3 + i];
-            out[3 + i] = g.acceleration[i];
-        }
+        out[..3].copy_from_slice(&y[3..6]);
+        out[3..6].copy_from_slice(&g.acceleration);
         for j in 0..6 {
             for i in 0..3 {
                 out[6 + 6 * i + j] = y[24 + 6 * i + j];
@@ -245,7 +243,8 @@ fn check(force: &ForceModel, start: &[f64; 6], t: &[f64], method: Method) -> Res
     };
     let sign = if last < first { -1.0 } else { 1.0 };
     for (row, pair) in t.windows(2).enumerate() {
-        if !((pair[1] - pair[0]) * sign > 0.0) {
+        let ahead = (pair[1] - pair[0]) * sign;
+        if ahead.is_nan() || ahead <= 0.0 {
             return Err(Error::NotIncreasing { field: "t", row: row + 1, previous: pair[0], value: pair[1] });
         }
     }
@@ -273,10 +272,10 @@ fn check(force: &ForceModel, start: &[f64; 6], t: &[f64], method: Method) -> Res
         Method::Rk4 { step } => (step, 1e-12),
         Method::Dop853 { rtol, step } => (step, rtol),
     };
-    if !(step > 0.0) {
+    if step.is_nan() || step <= 0.0 {
         return Err(Error::Parameter { field: "step", value: step, need: "must be greater than 0" });
     }
-    if !(rtol >= 1e-15 && rtol <= 1e-3) {
+    if !(1e-15..=1e-3).contains(&rtol) {
         return Err(Error::Parameter { field: "rtol", value: rtol, need: "must be from 1e-15 to 1e-3" });
     }
     Ok(())
