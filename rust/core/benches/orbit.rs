@@ -47,7 +47,7 @@ fn environment() -> Arc<Environment> {
 
 fn forces() -> Vec<(&'static str, ForceModel)> {
     let srp = SolarPressure { cr: 1.0, area_to_mass: 0.02, pressure: 4.56e-6 };
-    let drag = Drag { cd: 2.0, area_to_mass: 0.02, lag: 0.5236, exponent: 6.0 };
+    let drag = Drag { cd: 2.0, area_to_mass: 0.02, lag: std::f64::consts::FRAC_PI_6, exponent: 6.0 };
     let e = Some(environment());
     vec![
         ("j2", ForceModel::gravity(Gravity::J2(J2::new(MU, RE, 1.082_636e-3).unwrap())).unwrap()),

@@ -70,7 +70,7 @@ fn environment() -> Arc<Environment> {
 
 fn everything(degree: usize) -> ForceModel {
     let srp = SolarPressure { cr: 1.3, area_to_mass: 0.02, pressure: 4.56e-6 };
-    let drag = Drag { cd: 2.2, area_to_mass: 0.02, lag: 0.523_599, exponent: 6.0 };
+    let drag = Drag { cd: 2.2, area_to_mass: 0.02, lag: std::f64::consts::FRAC_PI_6, exponent: 6.0 };
     ForceModel::new(field(degree, degree), [true; 2], Some(srp), Some(drag), Some(environment())).unwrap()
 }
 
