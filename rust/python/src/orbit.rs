@@ -106,7 +106,7 @@ fn orbit_propagate<'py>(
         let mut calls = 0u32;
         propagate(&model, &start, t, method, stm, &mut |_| {
             calls = calls.wrapping_add(1);
-            if calls % 4096 == 0 && Python::attach(|py| py.check_signals()).is_err() {
+            if calls.is_multiple_of(4096) && Python::attach(|py| py.check_signals()).is_err() {
                 return Err(celestcore_core::Error::Interrupted);
             }
             Ok(())
