@@ -23,7 +23,7 @@ Examples
 True
 """
 
-from celestcore import analysis, quaternion, simulate, wahba
+from celestcore import analysis, orbit, quaternion, simulate, wahba
 from celestcore._core import __version__
 from celestcore.calibration import Calibration
 from celestcore.camera import CameraModel, StarCatalogue
@@ -75,6 +75,7 @@ __all__ = [
     "__version__",
     "analysis",
     "monte_carlo",
+    "orbit",
     "quaternion",
     "read_log",
     "sample",

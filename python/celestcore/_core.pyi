@@ -17,6 +17,9 @@ __all__ = [
     "chi2_cdf",
     "chi2_quantile",
     "monte_carlo",
+    "orbit_acceleration",
+    "orbit_moments",
+    "orbit_propagate",
     "quat_angle_between",
     "quat_conjugate",
     "quat_continuous",
@@ -85,6 +88,20 @@ def wahba_solve(
     frames: int,
     name: str,
 ) -> dict[str, Any]: ...
+def orbit_propagate(
+    forces: dict[str, Any],
+    tables: dict[str, Any] | None,
+    start: Sequence[float],
+    t: _Array,
+    method: str,
+    rtol: float,
+    step: float,
+    stm: bool,
+) -> tuple[_Array, _Array | None, int]: ...
+def orbit_acceleration(
+    forces: dict[str, Any], tables: dict[str, Any] | None, t: _Array, state: _Array
+) -> tuple[_Array, _Array, _Array]: ...
+def orbit_moments(tables: dict[str, Any], t: _Array) -> tuple[_Array, _Array, _Array]: ...
 def replay(log: Mapping[str, Any], smoothed: bool) -> dict[str, Any]: ...
 def calibrate(
     log: Mapping[str, Any], aligned: int | None, prior: Sequence[float]

@@ -81,6 +81,14 @@ pub enum Error {
     /// A filter that only replays whole logs.
     #[error("filter: this one replays whole logs only; sample by sample run EKF, UKF or SRUKF")]
     NotStreaming,
+    /// An orbit that enters the Earth, or is not finite any more.
+    #[error("the orbit at t = {t} s is {radius} m from the Earth's centre, which is inside the Earth or not finite")]
+    Impact {
+        /// Time, s.
+        t: f64,
+        /// Distance from the Earth's centre, m.
+        radius: f64,
+    },
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

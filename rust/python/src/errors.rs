@@ -45,6 +45,13 @@ fn described(error: &Error, details: &Bound<'_, PyDict>) -> PyResult<(&'static s
             let advice = "check the noise parameters, or use the square-root filter";
             return Ok(("NumericalError", format!("{what} is not positive definite or not finite; {advice}")));
         }
+        Error::Impact { t, radius } => {
+            details.set_item("time", t)?;
+            let advice = "check the start, its units (m and m/s) and the drag";
+            let message =
+                format!("the orbit is {radius:?} m from the Earth's centre, inside it or not finite; {advice}");
+            return Ok(("NumericalError", message));
+        }
         Error::NoStart { .. } | Error::NotStreaming => error.to_string(),
         Error::Interrupted => return Ok(("CelestcoreError", error.to_string())),
     };

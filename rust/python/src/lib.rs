@@ -7,6 +7,7 @@ mod columns;
 mod convert;
 mod errors;
 mod listener;
+mod orbit;
 mod quaternions;
 mod replay;
 mod simulate;
@@ -39,5 +40,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     wahba::register(m)?;
     simulate::register(m)?;
     campaign::register(m)?;
+    orbit::register(m)?;
     stream::register(m)
 }

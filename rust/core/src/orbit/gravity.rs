@@ -1,0 +1,119 @@
+//! The Earth's gravity: a point, an oblate body, or a field of spherical harmonics.
+
+use super::field::Field;
+use super::vector::{dot3, point_mass_gradient};
+use crate::error::{Error, Result};
+use crate::linalg::{Matrix, add, from_fn};
+use crate::scalar::Real;
+use std::sync::Arc;
+
+/// The Earth's gravity.
+#[derive(Clone, Debug)]
+pub enum Gravity {
+    /// A point mass of gravitational parameter `mu`, m³/s².
+    TwoBody {
+        /// Gravitational parameter, m³/s².
+        mu: f64,
+    },
+    /// A point mass and the second zonal harmonic about the z axis of the GCRS.
+    J2(J2),
+    /// Spherical harmonics in the Earth-fixed frame.
+    Field(Arc<Field>),
+}
+
+impl Gravity {
+    /// Gravitational parameter, m³/s².
+    #[inline(always)]
+    pub fn mu(&self) -> f64 {
+        match self {
+            Self::TwoBody { mu } => *mu,
+            Self::J2(j2) => j2.mu,
+            Self::Field(field) => field.mu,
+        }
+    }
+}
+
+/// A point mass and its second zonal harmonic.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct J2 {
+    /// Gravitational parameter, m³/s².
+    pub mu: f64,
+    /// Equatorial radius that goes with `j2`, m.
+    pub radius: f64,
+    /// Second zonal harmonic, `−√5 C̄20`.
+    pub j2: f64,
+}
+
+impl J2 {
+    /// # Errors
+    /// `Parameter` where a number is not finite, or `mu` or `radius` not positive.
+    pub fn new(mu: f64, radius: f64, j2: f64) -> Result<Self> {
+        for (field, value) in [("mu", mu), ("radius", radius)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::Parameter { field, value, need: "must be finite and positive" });
+            }
+        }
+        if !j2.is_finite() {
+            return Err(Error::Parameter { field: "j2", value: j2, need: "must be finite" });
+        }
+        Ok(Self { mu, radius, j2 })
+    }
+
+    /// Acceleration, m/s² (Ning and Ma 2010, eq. 1, with `(Re/r)²` where the print has `Re/r`).
+    #[inline(always)]
+    pub fn acceleration<T: Real>(&self, r: &[T; 3]) -> [T; 3] {
+        let i2 = dot3(r, r).recip();
+        let central = i2 * i2.sqrt() * -self.mu;
+        let k = i2 * (1.5 * self.j2 * self.radius * self.radius);
+        let s5 = r[2] * r[2] * i2 * 5.0;
+        let across = central * k.mul_add(T::one() - s5, T::one());
+        let along = central * k.mul_add(T::splat(3.0) - s5, T::one());
+        [across * r[0], across * r[1], along * r[2]]
+    }
+
+    /// Derivative of the acceleration to the position, s⁻².
+    #[inline(always)]
+    pub fn gradient<T: Real>(&self, r: &[T; 3]) -> Matrix<T, 3, 3> {
+        let i2 = dot3(r, r).recip();
+        let central = i2 * i2.sqrt() * self.mu;
+        let a = central * i2 * (1.5 * self.j2 * self.radius * self.radius);
+        let s = r[2] * r[2] * i2;
+        let s5 = s * 5.0 - T::one();
+        let oblate = from_fn(
+            #[inline(always)]
+            |i, j| {
+                // r rᵀ, the rows and columns of z, and the diagonal, of the derivative of a ((5s − 1) r − 2 z ẑ)
+                let mut g = r[i] * r[j] * i2 * (T::splat(5.0) - s * 35.0);
+                if i == 2 {
+                    g += r[2] * r[j] * i2 * 10.0;
+                }
+                if j == 2 {
+                    g += r[2] * r[i] * i2 * 10.0;
+                }
+                if i == j {
+                    g += s5;
+                }
+                if i == 2 && j == 2 {
+                    g += T::splat(-2.0);
+                }
+                a * g
+            },
+        );
+        add(&point_mass_gradient(r, central, i2 * 3.0), &oblate)
+    }
+}
+
+/// Acceleration of a point mass, m/s².
+#[inline(always)]
+pub(super) fn two_body<T: Real>(mu: f64, r: &[T; 3]) -> [T; 3] {
+    let i2 = dot3(r, r).recip();
+    let c = i2 * i2.sqrt() * -mu;
+    [c * r[0], c * r[1], c * r[2]]
+}
+
+/// Its gradient, s⁻².
+#[inline(always)]
+pub(super) fn two_body_gradient<T: Real>(mu: f64, r: &[T; 3]) -> Matrix<T, 3, 3> {
+    let i2 = dot3(r, r).recip();
+    point_mass_gradient(r, i2 * i2.sqrt() * mu, i2 * 3.0)
+}

@@ -1,0 +1,123 @@
+//! The orbit as dynamics of a filter.
+
+use super::force::ForceModel;
+use super::integrate::{Variational, rk4, with_identity};
+use crate::error::{Error, Result};
+use crate::linalg::{Matrix, add, congruence, from_fn, mul, zeros};
+use crate::manifold::{Euclidean, Family};
+use crate::model::Dynamics;
+use crate::scalar::Real;
+
+/// An input of no numbers.
+pub struct Nothing;
+
+impl Family for Nothing {
+    type Of<T: Real> = ();
+    #[inline(always)]
+    fn zip<A: Real, B: Real, C: Real>((): &(), (): &(), _: impl FnMut(A, B) -> C) {}
+}
+
+/// Position and velocity (GCRS, m and m/s) under a force model and white acceleration noise.
+///
+/// A step is cut into equal RK4 steps of at most `max_step`; the transition is the exact derivative of
+/// these, by the variational equations.
+#[derive(Clone, Debug)]
+pub struct OrbitModel {
+    /// The accelerations that are modelled.
+    pub force: ForceModel,
+    /// Power spectral density of those that are not, per axis, m²/s³.
+    pub accel_psd: f64,
+    /// Longest RK4 step, s.
+    pub max_step: f64,
+}
+
+impl OrbitModel {
+    /// # Errors
+    /// `Parameter` where the density is negative or the step not positive.
+    pub fn new(force: ForceModel, accel_psd: f64, max_step: f64) -> Result<Self> {
+        if !(accel_psd.is_finite() && accel_psd >= 0.0) {
+            let need = "must be finite and not negative";
+            return Err(Error::Parameter { field: "accel_psd", value: accel_psd, need });
+        }
+        if !(max_step.is_finite() && max_step > 0.0) {
+            return Err(Error::Parameter { field: "max_step", value: max_step, need: "must be finite and positive" });
+        }
+        Ok(Self { force, accel_psd, max_step })
+    }
+
+    /// How many RK4 steps a step takes, and how long they are.
+    #[inline(always)]
+    fn division<T: Real>(&self, dt: T) -> (usize, T) {
+        let mut longest = 0.0f64;
+        for i in 0..T::LANES {
+            longest = longest.max(dt.lane(i).abs());
+        }
+        // a step that is a multiple of the longest one to rounding is cut as if it were exact
+        let steps = (longest / self.max_step - 1e-9).ceil().max(1.0);
+        (steps as usize, dt * (1.0 / steps))
+    }
+
+    /// The state after a step and the transition to it.
+    #[inline(always)]
+    fn both<T: Real>(&self, x: &[T; 6], t: T, dt: T) -> ([T; 6], Matrix<T, 6, 6>) {
+        let (steps, h) = self.division(dt);
+        let y = rk4(&Variational(&self.force), t, &with_identity(x), h, steps);
+        ([y[0], y[1], y[2], y[3], y[4], y[5]], from_fn(|i, j| y[6 + 6 * i + j]))
+    }
+
+    #[inline(always)]
+    fn added<T: Real>(&self, dt: T) -> Matrix<T, 6, 6> {
+        let mut q = zeros();
+        let (one, two) = (dt * self.accel_psd, dt * dt * (0.5 * self.accel_psd));
+        let three = dt * dt * dt * (self.accel_psd / 3.0);
+        for i in 0..3 {
+            q[(i, i)] = three;
+            (q[(i, i + 3)], q[(i + 3, i)]) = (two, two);
+            q[(i + 3, i + 3)] = one;
+        }
+        q
+    }
+}
+
+impl Dynamics<6> for OrbitModel {
+    type Space = Euclidean<6>;
+    type Input = Nothing;
+
+    #[inline(always)]
+    fn step<T: Real>(&self, x: &[T; 6], (): &(), t: T, dt: T) -> [T; 6] {
+        let (steps, h) = self.division(dt);
+        match self.force.closed() {
+            Some(j2) => rk4(&j2, t, x, h, steps),
+            None => rk4(&self.force, t, x, h, steps),
+        }
+    }
+
+    #[inline(always)]
+    fn noise<T: Real>(&self, _: &[T; 6], (): &(), _: T, dt: T) -> Matrix<T, 6, 6> {
+        self.added(dt)
+    }
+
+    #[inline(always)]
+    fn transition<T: Real>(&self, x: &[T; 6], (): &(), t: T, dt: T) -> Matrix<T, 6, 6> {
+        self.both(x, t, dt).1
+    }
+
+    #[inline(always)]
+    fn propagate<T: Real>(&self, x: &[T; 6], p: &Matrix<T, 6, 6>, (): &(), t: T, dt: T) -> ([T; 6], Matrix<T, 6, 6>) {
+        let (after, f) = self.both(x, t, dt);
+        (after, add(&congruence(&f, p), &self.added(dt)))
+    }
+
+    #[inline(always)]
+    fn carry<T: Real>(
+        &self,
+        x: &[T; 6],
+        root: &Matrix<T, 6, 6>,
+        (): &(),
+        t: T,
+        dt: T,
+    ) -> ([T; 6], Matrix<T, 6, 6>, Matrix<T, 6, 6>) {
+        let (after, f) = self.both(x, t, dt);
+        (after, mul(&f, root), self.added(dt))
+    }
+}
