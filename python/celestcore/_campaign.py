@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Protocol, TypeAlias
+from uuid import uuid4
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from celestcore._replay import BIAS_SIGMA
 from celestcore._scores import Scores
 from celestcore.errors import InputError
 from celestcore.navigator import StarGyroNavigator
-from celestcore.simulate import Scenario
+from celestcore.simulate import Scenario, StarErrors
 
 Navigators: TypeAlias = "StarGyroNavigator | Mapping[str, StarGyroNavigator]"
 Progress: TypeAlias = Callable[[int, int], object]
@@ -28,6 +29,10 @@ STARTS = ("first_fix", "drawn")
 SMOOTHED = "_smoothed"
 IN_FLIGHT = 64
 """Tasks that wait in an executor at most: each holds a copy of the scenario."""
+CHUNKS = 128
+"""Parts that a campaign is cut into for an executor at least, if nothing else is asked for."""
+STEPS = 300_000
+"""Filter steps in a part at most, if there is more than one trial: some tenths of a second."""
 
 
 class Executor(Protocol):
@@ -68,6 +73,32 @@ class Executor(Protocol):
         """
 
 
+class Stopped(Exception):  # noqa: N818  (it never reaches a user)
+    """What a part of a campaign ends with when the campaign has ended."""
+
+
+class Stop:
+    """Ends the parts of one campaign that run in this process.
+
+    A copy in another process is of the same campaign, but no word of its end reaches it.
+    """
+
+    _ended: ClassVar[set[str]] = set()
+
+    def __init__(self, campaign: str | None = None) -> None:
+        self._campaign = campaign or uuid4().hex
+
+    def set(self) -> None:
+        self._ended.add(self._campaign)
+
+    def __call__(self, done: int, total: int) -> None:
+        if self._campaign in self._ended:
+            raise Stopped
+
+    def __reduce__(self) -> tuple[type[Stop], tuple[str]]:
+        return Stop, (self._campaign,)
+
+
 @dataclass(frozen=True)
 class Job:
     """A campaign without its trials; it can be pickled."""
@@ -78,6 +109,7 @@ class Job:
     skip: float
     threads: int
     portable: bool
+    stop: Stop = field(default_factory=Stop)
 
     def __call__(
         self, first: int, trials: int, progress: Progress | None = None
@@ -94,12 +126,22 @@ class Job:
             progress=progress,
         )
 
+    def part(self, trials: int) -> int:
+        """Return how many trials go into one task of an executor by default."""
+        cameras = sum(len(camera[0]) for camera in self.flight["cameras"])
+        steps = len(self.flight["t"]) * len(self.estimators) + cameras
+        return max(1, min(-(-trials // CHUNKS), STEPS // steps))
+
 
 def run_part(job: Job, first: int, trials: int) -> list[dict[str, Any]]:
     """Run some of a campaign's trials, in whatever process."""
-    return replace(job, flight=_aligned(job.flight), estimators=_aligned(job.estimators))(
-        first, trials
-    )
+    job.stop(0, trials)
+    aligned = replace(job, flight=_aligned(job.flight), estimators=_aligned(job.estimators))
+    try:
+        return aligned(first, trials, job.stop)
+    except KeyboardInterrupt:
+        job.stop.set()  # Ctrl-C reached this worker, which would go on with what it was handed
+        raise
 
 
 def _aligned(value: Any) -> Any:
@@ -136,6 +178,9 @@ def spread(
             done += sizes[len(out) - 1]
             if progress is not None:
                 progress(done, total)
+    except BaseException:
+        job.stop.set()
+        raise
     finally:
         for future in waiting:
             cancel = getattr(future, "cancel", None)
@@ -218,10 +263,12 @@ def described(
         )
     turn = nav.gyro._turn()
     cameras = []
-    for name in scenario.cameras:
+    for name, flown in scenario.cameras.items():
         camera = nav._camera(name)
-        _, noise = camera.to_body([[1.0, 0.0, 0.0, 0.0]])
-        cameras.append((camera.mounting, noise[0].tolist()))
+        noise = [0.0] * 6  # fixes of a physical camera bring their own
+        if isinstance(flown, StarErrors):
+            noise = camera.to_body([[1.0, 0.0, 0.0, 0.0]])[1][0].tolist()
+        cameras.append((camera.mounting, noise))
     return {
         "setup": nav._setup(nav._max_gap(scenario.truth.t)),
         "gyro_turn": None if turn is None else turn.tolist(),

@@ -26,9 +26,6 @@ from celestcore.simulate._scenario import whole
 
 __all__ = ["Executor", "MonteCarlo", "Pooled", "Scores", "monte_carlo"]
 
-CHUNKS = 32
-"""Parts that a campaign is cut into for an executor, if nothing else is asked for."""
-
 
 def monte_carlo(
     scenario: Scenario,
@@ -82,7 +79,8 @@ def monte_carlo(
         Anything with ``submit(fn, *args)`` that returns futures: a pool of `concurrent.futures`,
         or a Dask cluster's ``client.get_executor()``. Trials go to it in chunks.
     chunk : int, optional
-        Trials in one task of the executor; by default such that there are 32 tasks.
+        Trials in one task of the executor; by default such that there are 128 tasks, or more where
+        one would take longer than some tenths of a second.
     portable : bool
         Compute without the wide instructions of this machine: same bits on every x86-64 machine.
     progress : callable, optional
@@ -97,12 +95,22 @@ def monte_carlo(
     InputError
         Names the field and the value.
     KeyboardInterrupt
-        On Ctrl-C, within a fraction of a second.
+        On Ctrl-C, within a fraction of a second; see Notes for what an executor may go on with.
 
     Warns
     -----
     CelestcoreWarning
         Where a filter broke down in some trials; they count as NaN.
+
+    Notes
+    -----
+    On Ctrl-C, or any other error, the call ends at once and cancels the tasks that have not begun.
+    Tasks that run in threads of this process stop within a fraction of a second. Those that run, or
+    are already handed to a worker, in other processes cannot be reached and go on to their end: of
+    a `ProcessPoolExecutor` up to twice as many as it has workers and one more, of a Dask cluster
+    those on its workers' threads. Leaving the pool's ``with`` block waits for them; small chunks
+    make that short. Ctrl-C in a terminal goes to the processes of a local pool as well and stops
+    theirs; such a pool may be broken afterwards.
 
     Examples
     --------
@@ -133,10 +141,10 @@ def monte_carlo(
         portable=bool(portable),
     )
     begins, total = whole(first, "first", 56), count(trials, "trials")
+    size = job.part(total) if chunk is None else count(chunk, "chunk")
     if executor is None:
         parts = [job(begins, total, progress)]
     else:
-        size = -(-total // CHUNKS) if chunk is None else count(chunk, "chunk")
         parts = spread(executor, job, (begins, total, size), progress)
     scores = {name: gather([p[i] for p in parts], begins) for i, name in enumerate(each)}
     warn_of_failures(scores)

@@ -185,7 +185,7 @@ def solve(
     b, r = _vectors(body, "body"), _vectors(inertial, "inertial")
     given = {"sigma": sigma, "weights": weights}
     rows = {n: array(v, n) for n, v in given.items() if v is not None}
-    shape = _shape(b.shape[:-1], r.shape[:-1], *(a.shape for a in rows.values()))
+    shape = _shape(b.shape[:-1], r.shape[:-1], rows)
     b, r = _spread(b, (*shape, 3)), _spread(r, (*shape, 3))
     _check_directions(b, r)
     rows = {n: _spread(a, shape) for n, a in rows.items()}
@@ -238,24 +238,36 @@ def _vectors(value: ArrayLike, field: str) -> FloatArray:
     return v
 
 
-def _shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
+def _shape(
+    body: tuple[int, ...], inertial: tuple[int, ...], rows: dict[str, FloatArray]
+) -> tuple[int, ...]:
     """Broadcast the leading axes and k; body and inertial must agree in k themselves."""
-    if shapes[0][-1] != shapes[1][-1]:
+    k = body[-1]
+    if inertial[-1] != k:
         raise InputError(
-            f"holds {shapes[1][-1]} vectors a frame, body holds {shapes[0][-1]}; they go in pairs",
+            f"holds {inertial[-1]} vectors a frame, body holds {k}; they go in pairs",
             field="inertial",
         )
-    try:
-        shape = np.broadcast_shapes(*shapes)
-    except ValueError:
-        listed = " and ".join(str(s) for s in shapes)
-        raise InputError(f"leading axes {listed} do not broadcast") from None
-    if shape[-1] != shapes[0][-1]:
-        raise InputError(
-            f"has {shape[-1]} columns for {shapes[0][-1]} vectors a frame; give one for each",
-            field="sigma" if len(shapes) == 3 else "sigma or weights",
-        )
+    shape = _joined(body, inertial, "inertial", "(..., k, 3)")
+    for field, a in rows.items():
+        if a.ndim and a.shape[-1] not in (1, k):
+            raise InputError(
+                f"has {a.shape[-1]} columns for {k} vectors a frame; give one for each", field=field
+            )
+        shape = _joined(shape, a.shape, field, f"a number, ({k},) or (..., {k})")
     return shape
+
+
+def _joined(
+    shape: tuple[int, ...], other: tuple[int, ...], field: str, needed: str
+) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(shape, other)
+    except ValueError:
+        raise InputError(
+            f"leading axes {other[:-1]} do not broadcast to {shape[:-1]}; needed is {needed}",
+            field=field,
+        ) from None
 
 
 def _spread(a: FloatArray, shape: tuple[int, ...]) -> FloatArray:

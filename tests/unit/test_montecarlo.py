@@ -17,7 +17,7 @@ from typing import Any
 import celestcore as cc
 import numpy as np
 import pytest
-from celestcore import simulate
+from celestcore import _campaign, simulate
 from celestcore.montecarlo import MonteCarlo, Scores
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -267,7 +267,12 @@ def test_anything_that_submits() -> None:
     assert told == [(3, 7), (6, 7), (7, 7)]
     many = AtOnce()
     cc.monte_carlo(SCENARIO, NAVS["ekf"], 100, executor=many)
-    assert many.sizes == [4] * 25
+    assert many.sizes == [1] * 100
+    # short tasks, whatever a trial takes: 600 steps and 300 fixes here
+    size = _campaign.Job({"t": np.zeros(600), "cameras": [(np.zeros(300),)]}, [{}], 0, 0, 1, False)
+    assert [size.part(n) for n in (1, 100, 1280, 10**9)] == [1, 1, 10, 300_000 // 900]
+    long = replace(size, flight={"t": np.zeros(10**6), "cameras": []})
+    assert long.part(10**6) == 1
 
 
 def test_arrays_that_lie_anywhere() -> None:
@@ -465,7 +470,10 @@ LATE = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-6, sampling="integrated"), cc.S
         refused("ekf_smoothed", navs=NAVS | {"ekf_smoothed": NAVS["ekf"]}, smooth="ekf"),
         refused("threads", threads=0),
         refused("executor", executor=3),
-        refused("chunk", executor=AtOnce(), chunk=0),
+        refused("chunk, value 0", executor=AtOnce(), chunk=0),
+        refused("chunk, value 0", chunk=0),
+        refused("chunk, value -1", executor=AtOnce(), chunk=-1),
+        refused("chunk, value -1", chunk=-1),
         refused("progress", progress=3),
     ],
 )

@@ -20,6 +20,7 @@ True
 
 from __future__ import annotations
 
+from celestcore.simulate._field import StarField
 from celestcore.simulate._scenario import Scenario, Simulation, log
 from celestcore.simulate._sensors import GyroErrors, StarErrors
 from celestcore.simulate._truth import (
@@ -37,6 +38,7 @@ __all__ = [
     "Scenario",
     "Simulation",
     "StarErrors",
+    "StarField",
     "Truth",
     "attitude",
     "constant_rate",

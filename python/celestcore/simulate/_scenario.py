@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from celestcore import _core, quaternion
-from celestcore._arguments import checked, each_checked
+from celestcore._arguments import checked
 from celestcore._check import FloatArray, number
+from celestcore.camera import CameraModel
 from celestcore.errors import InputError
 from celestcore.log import SensorLog
 from celestcore.navigator import AttitudeFilter, StarGyroNavigator
 from celestcore.sensors import Gyro
+from celestcore.simulate._field import StarField
 from celestcore.simulate._sensors import GyroErrors, StarErrors
 from celestcore.simulate._truth import Truth
 from celestcore.solution import Solution
+
+Camera: TypeAlias = "StarErrors | StarField | CameraModel"
 
 CAMERAS = 64
 """Largest number of star cameras."""
@@ -30,8 +34,9 @@ class Simulation:
     Attributes
     ----------
     log : SensorLog
-        The gyro and the star cameras. The fixes carry no noise of their own: a navigator's camera
-        says what it assumes.
+        The gyro and the star cameras. Fixes of `StarErrors` carry no noise of their own: a
+        navigator's camera says what it assumes. Those of a physical camera carry the covariance
+        that follows from their stars, and frames without a fix are missing rows.
     truth : Truth
         The attitude.
     bias : ndarray (n, 3)
@@ -101,8 +106,10 @@ class Scenario:
         The attitude; the gyro samples at its times.
     gyro : GyroErrors
         The gyro.
-    star : StarErrors or dict of str to StarErrors
-        The star camera, or cameras by the names of their tables (``"star"``, ``"star_1"`` ...).
+    star : StarErrors, StarField, CameraModel, or dict of str to these
+        The star camera, or cameras by the names of their tables (``"star"``, ``"star_1"`` ...):
+        noise on the attitude, or a physical camera that sees stars. A `CameraModel` alone takes a
+        frame at every sample; `StarField` gives it times.
         Random numbers go by the place: a camera that is added last changes nothing of the others.
 
     Raises
@@ -123,12 +130,14 @@ class Scenario:
 
     truth: Truth
     gyro: GyroErrors
-    star: StarErrors | Mapping[str, StarErrors]
+    star: Camera | Mapping[str, Camera]
 
     def __post_init__(self) -> None:
         checked(self.truth, "truth", Truth)
         checked(self.gyro, "gyro", GyroErrors)
-        each_checked(self.star, "star", StarErrors)
+        given = self.star if isinstance(self.star, Mapping) else {"star": self.star}
+        for name, camera in given.items():
+            checked(camera, str(name), StarErrors, StarField, CameraModel)
         if not 1 <= len(self.cameras) <= CAMERAS:
             raise InputError(f"needs 1 to {CAMERAS} star cameras", field="star")
         for name in self.cameras:
@@ -136,11 +145,10 @@ class Scenario:
                 raise InputError("must be 'star' or begin with 'star_'", field="star", value=name)
 
     @property
-    def cameras(self) -> dict[str, StarErrors]:
+    def cameras(self) -> dict[str, StarErrors | StarField]:
         """The star cameras by the names of their tables."""
-        if isinstance(self.star, StarErrors):
-            return {"star": self.star}
-        return dict(self.star)
+        given = self.star if isinstance(self.star, Mapping) else {"star": self.star}
+        return {n: StarField(c) if isinstance(c, CameraModel) else c for n, c in given.items()}
 
     def simulate(self, seed: int = 0, trial: int = 0) -> Simulation:
         """Return one trial.
@@ -176,8 +184,8 @@ class Scenario:
         flight = self._described()
         rate, bias, fixes = _core.simulate(flight, seed, trial)
         tables: dict[str, Any] = {
-            name: (camera[0], q)
-            for name, camera, q in zip(self.cameras, flight["cameras"], fixes, strict=True)
+            name: _table(camera[0], q, own)
+            for name, camera, (q, own) in zip(self.cameras, flight["cameras"], fixes, strict=True)
         }
         log = SensorLog(gyro=(self.truth.t, rate), **tables)
         bias.flags.writeable = False
@@ -213,7 +221,10 @@ class Scenario:
         1e-06
         """
         arw, rrw = np.max(self.gyro.arw), np.max(self.gyro.rrw)
-        star = {name: camera.camera for name, camera in self.cameras.items()}
+        star = {
+            name: camera.camera if isinstance(camera, StarErrors) else camera.sensor()
+            for name, camera in self.cameras.items()
+        }
         return StarGyroNavigator(filter, Gyro(arw, rrw, mounting=self.gyro.mounting), star)
 
     def _described(self) -> dict[str, Any]:
@@ -223,14 +234,24 @@ class Scenario:
             "q": self.truth.q,
             "rate": self.truth.rate,
             "gyro": self.gyro._described(),
-            "cameras": [camera._described(self.truth) for camera in self.cameras.values()],
+            "cameras": [c._described(name, self.truth) for name, c in self.cameras.items()],
         }
+
+
+def _table(t: FloatArray, q: FloatArray, own: tuple[Any, FloatArray] | None) -> tuple[Any, ...]:
+    """Return a camera's table; frames that gave no fix are rows of NaN."""
+    if own is None:
+        return t, q
+    frame, covariance = own
+    every_q, every_p = np.full((len(t), 4), np.nan), np.full((len(t), 3, 3), np.nan)
+    every_q[frame], every_p[frame] = q, covariance
+    return t, every_q, every_p
 
 
 def log(
     truth: Truth,
     gyro: GyroErrors,
-    star: StarErrors | Mapping[str, StarErrors],
+    star: Camera | Mapping[str, Camera],
     *,
     seed: int = 0,
     trial: int = 0,
@@ -243,7 +264,7 @@ def log(
         The attitude.
     gyro : GyroErrors
         The gyro.
-    star : StarErrors or dict of str to StarErrors
+    star : StarErrors, StarField, CameraModel, or dict of str to these
         The star camera or cameras.
     seed, trial : int
         See `Scenario.simulate`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -186,22 +186,8 @@ class StarErrors:
         known = StarCamera(self.sigma, covariance=self.covariance, mounting=self.mounting)
         if known.sigma is None and known.covariance is None:
             raise InputError("is needed [rad], or covariance", field="star.sigma")
-        if self.period is not None and self.every is not None:
-            raise InputError("goes without every: give one of them", field="star.period")
-        offset = number(self.offset, "star.offset", at_least=0.0)
-        period, every = self.period, self.every
-        if period is not None:
-            period = number(period, "star.period", above=0.0)
-        else:
-            every = 1 if every is None else count(every, "star.every")
-            if offset != np.floor(offset):
-                raise InputError(
-                    "is a number of samples unless there is a period",
-                    field="star.offset",
-                    value=offset,
-                )
         values = {"sigma": known.sigma, "covariance": known.covariance, "mounting": known.mounting}
-        values |= {"period": period, "every": every, "offset": offset}
+        values |= schedule(self.period, self.every, self.offset)
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -217,20 +203,50 @@ class StarErrors:
         sigma = np.broadcast_to(np.asarray(self.sigma, dtype=np.float64), (3,))
         return np.diag(sigma * sigma)
 
-    def _fixes(self, truth: Truth) -> tuple[FloatArray, FloatArray]:
-        """Return times (m,) and true attitudes ``q_ib`` (m, 4) of the fixes."""
-        if self.period is None:
-            rows = slice(int(self.offset), None, self.every)
-            t, q = truth.t[rows], truth.q[rows]
-        else:
-            span = float(truth.t[-1] - truth.t[0]) - self.offset
-            n = max(0, int(span / self.period + 2.0))
-            t, q = truth._snapped(truth.t[0] + self.offset + np.arange(n) * self.period)
-        if len(t) == 0:
-            raise InputError("lies after the truth's end", field="star.offset", value=self.offset)
-        return np.ascontiguousarray(t), np.ascontiguousarray(q)
-
-    def _described(self, truth: Truth) -> tuple[Any, ...]:
-        t, q = self._fixes(truth)
+    def _described(self, name: str, truth: Truth) -> tuple[Any, ...]:
+        t, q = frames(self, truth)
         root = np.linalg.cholesky(self._covariance())
         return t, q, self.mounting, root.tolist()
+
+
+class Scheduled(Protocol):
+    """What says when a camera takes its frames."""
+
+    @property
+    def period(self) -> float | None: ...
+    @property
+    def every(self) -> int | None: ...
+    @property
+    def offset(self) -> float: ...
+
+
+def schedule(period: float | None, every: int | None, offset: float) -> dict[str, Any]:
+    """Return the times of a camera's frames, checked."""
+    if period is not None and every is not None:
+        raise InputError("goes without every: give one of them", field="star.period")
+    first = number(offset, "star.offset", at_least=0.0)
+    if period is not None:
+        period = number(period, "star.period", above=0.0)
+    else:
+        every = 1 if every is None else count(every, "star.every")
+        if first != np.floor(first):
+            raise InputError(
+                "is a number of samples unless there is a period",
+                field="star.offset",
+                value=first,
+            )
+    return {"period": period, "every": every, "offset": first}
+
+
+def frames(camera: Scheduled, truth: Truth) -> tuple[FloatArray, FloatArray]:
+    """Return times (m,) and true attitudes ``q_ib`` (m, 4) of a camera's frames."""
+    if camera.period is None:
+        rows = slice(int(camera.offset), None, camera.every)
+        t, q = truth.t[rows], truth.q[rows]
+    else:
+        span = float(truth.t[-1] - truth.t[0]) - camera.offset
+        n = max(0, int(span / camera.period + 2.0))
+        t, q = truth._snapped(truth.t[0] + camera.offset + np.arange(n) * camera.period)
+    if len(t) == 0:
+        raise InputError("lies after the truth's end", field="star.offset", value=camera.offset)
+    return np.ascontiguousarray(t), np.ascontiguousarray(q)

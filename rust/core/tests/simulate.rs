@@ -9,8 +9,8 @@ use celestcore_core::linalg::{from_fn, identity};
 use celestcore_core::quaternion::{Integrator, difference, exp, multiply, to_matrix};
 use celestcore_core::scalar::Level;
 use celestcore_core::simulate::{
-    Begin, Campaign, Estimator, GyroErrors, KnownCamera, Readings, Scenario, Scored, StarNoise, Stream, Truth,
-    monte_carlo,
+    Begin, Campaign, Estimator, GyroErrors, KnownCamera, Readings, Scenario, Scored, StarNoise, StarSource, Stream,
+    Truth, monte_carlo,
 };
 
 const DT: f64 = 0.1;
@@ -50,7 +50,7 @@ fn scenario(f: &Flown, gyro: GyroErrors) -> Scenario<'_> {
     Scenario {
         truth: Truth { t: &f.t, q: &f.q, rate: &f.rate },
         gyro,
-        cameras: vec![StarNoise { t: &f.t, q: &f.q, mounting: None, root }],
+        cameras: vec![StarSource::Noise(StarNoise { t: &f.t, q: &f.q, mounting: None, root })],
     }
 }
 
@@ -109,13 +109,13 @@ fn without_errors_readings_are_the_truth() {
     let f = flown(50);
     let none = GyroErrors { arw: [0.0; 3], rrw: [0.0; 3], bias_sigma: [0.0; 3], ..errors() };
     let mut out = Readings::default();
-    scenario(&f, none).simulate(1, 0, &mut out);
+    scenario(&f, none).simulate(1, 0, &mut out, &mut || Ok(())).unwrap();
     for (found, expected) in out.rate.iter().zip(&f.rate) {
         for i in 0..3 {
             assert!((found[i] - expected[i]).abs() < 1e-16);
         }
     }
-    for (found, q) in out.fixes[0].iter().zip(&f.q) {
+    for (found, q) in out.fixes[0].q.iter().zip(&f.q) {
         assert!(difference(found, q).iter().all(|e| e.abs() < 6.0 * SIGMA));
     }
 }
@@ -124,10 +124,11 @@ fn without_errors_readings_are_the_truth() {
 fn memory_that_was_used_before_makes_no_difference() {
     let (long, short) = (flown(200), flown(50));
     let (mut used, mut fresh) = (Readings::default(), Readings::default());
-    scenario(&long, errors()).simulate(1, 0, &mut used);
-    scenario(&short, errors()).simulate(1, 5, &mut used);
-    scenario(&short, errors()).simulate(1, 5, &mut fresh);
-    assert_eq!((used.rate, used.bias, used.fixes), (fresh.rate, fresh.bias, fresh.fixes));
+    scenario(&long, errors()).simulate(1, 0, &mut used, &mut || Ok(())).unwrap();
+    scenario(&short, errors()).simulate(1, 5, &mut used, &mut || Ok(())).unwrap();
+    scenario(&short, errors()).simulate(1, 5, &mut fresh, &mut || Ok(())).unwrap();
+    let q = |out: &Readings| out.fixes[0].q.clone();
+    assert_eq!((q(&used), used.rate, used.bias), (q(&fresh), fresh.rate, fresh.bias));
 }
 
 #[test]
@@ -147,7 +148,7 @@ fn a_slow_drift_has_a_variance_of_its_own() {
         let mut sum = 0.0;
         for trial in 0..4000 {
             let mut out = Readings::default();
-            scenario(&f, gyro(tau)).simulate(3, trial, &mut out);
+            scenario(&f, gyro(tau)).simulate(3, trial, &mut out, &mut || Ok(())).unwrap();
             sum += (0..3).map(|i| (out.rate[0][i] - f.rate[0][i] - out.bias[0][i]).powi(2)).sum::<f64>();
         }
         let ratio = sum / 12_000.0 / (2.0 * DT / 3.0 / tau);
@@ -217,7 +218,8 @@ fn mountings_on_both_sides_cancel() {
     let plain = monte_carlo(&campaign(&f, 0..3), 1, &mut |_| Ok(())).unwrap();
     let mut mounted = campaign(&f, 0..3);
     mounted.scenario.gyro.mounting = Some(gyro);
-    mounted.scenario.cameras[0].mounting = Some(star);
+    let StarSource::Noise(camera) = &mut mounted.scenario.cameras[0] else { panic!("it has one") };
+    camera.mounting = Some(star);
     for e in &mut mounted.estimators {
         e.gyro_turn = Some(to_matrix(&gyro));
         e.cameras[0].mounting = Some(star);

@@ -3,13 +3,30 @@
 use crate::convert::{Array, flat, matrices, rows, table};
 use crate::errors::input;
 use crate::wahba::method;
-use celestcore_core::attitude::camera::{Camera, Catalogue, Frames, Observer, Outline, isotropic};
+use celestcore_core::attitude::camera::{CHUNK, Camera, Catalogue, Frames, Observer, Outline, isotropic};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Frames between looks for Ctrl-C.
-const CHUNK: usize = 1024;
+/// Half angle, magnitude limit, sigma, largest number of stars.
+pub(crate) type Optics = (f64, f64, f64, usize);
+
+/// A camera as the Python package describes it.
+pub(crate) fn camera(py: Python<'_>, optics: Optics, shape: &str) -> PyResult<Camera> {
+    let (half_angle, magnitude_limit, sigma, brightest) = optics;
+    Ok(Camera { outline: outline(py, shape)?, half_angle, magnitude_limit, brightest, sigma })
+}
+
+/// Stars as the Python package describes them.
+pub(crate) fn catalogue(directions: &Array<'_>, magnitudes: &Array<'_>) -> PyResult<Catalogue> {
+    let (py, magnitudes) = (directions.py(), flat(magnitudes, "magnitudes")?);
+    let directions = rows::<3>(directions, "directions")?;
+    if directions.len() != magnitudes.len() {
+        let (n, m) = (directions.len(), magnitudes.len());
+        return Err(input(py, &format!("{n} directions and {m} magnitudes do not go together")));
+    }
+    Ok(py.detach(|| Catalogue::new(directions, magnitudes)))
+}
 
 fn outline(py: Python<'_>, name: &str) -> PyResult<Outline> {
     match name {
@@ -34,22 +51,15 @@ fn camera_observe<'py>(
     q: Array<'py>,
     directions: Array<'py>,
     magnitudes: Array<'py>,
-    camera: (f64, f64, f64, usize),
+    camera: Optics,
     shape: &str,
     random: (u64, u64),
     name: &str,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (q, directions) = (rows::<4>(&q, "q")?, rows::<3>(&directions, "directions")?);
-    let magnitudes = flat(&magnitudes, "magnitudes")?;
-    if directions.len() != magnitudes.len() {
-        let (n, m) = (directions.len(), magnitudes.len());
-        return Err(input(py, &format!("{n} directions and {m} magnitudes do not go together")));
-    }
-    let (half_angle, magnitude_limit, sigma, brightest) = camera;
-    let camera = Camera { outline: outline(py, shape)?, half_angle, magnitude_limit, brightest, sigma };
-    let method = method(py, name)?;
-    let catalogue = py.detach(|| Catalogue::new(directions, magnitudes));
-    let mut observer = Observer::new(camera, &catalogue, method, random.0, random.1);
+    let q = rows::<4>(&q, "q")?;
+    let catalogue = catalogue(&directions, &magnitudes)?;
+    let camera = self::camera(py, camera, shape)?;
+    let mut observer = Observer::new(camera, &catalogue, method(py, name)?, random.0, random.1);
     let mut frames = Frames::default();
     for chunk in q.chunks(CHUNK) {
         py.detach(|| chunk.iter().for_each(|q| observer.observe(q, &mut frames)));

@@ -8,6 +8,9 @@ use crate::linalg::Vector;
 use crate::quaternion::{Quaternion, conjugate, dot3, rotate, tangents};
 use crate::simulate::rng::Stream;
 
+/// Frames between looks at whether to go on.
+pub const CHUNK: usize = 1024;
+
 /// Outline of the field of view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Outline {
@@ -92,11 +95,66 @@ pub struct Frames {
     pub fixes: Vec<Result<Fix, Unobservable>>,
 }
 
+/// Which stars a camera sees at attitudes that follow each other.
+struct Sight<'a> {
+    camera: Camera,
+    catalogue: &'a Catalogue,
+    /// Stars bright enough.
+    bright: usize,
+    /// A direction, and the stars that may be seen while the boresight is near it.
+    anchor: Option<Vector<f64, 3>>,
+    near: Vec<u32>,
+}
+
+impl<'a> Sight<'a> {
+    fn new(camera: Camera, catalogue: &'a Catalogue) -> Self {
+        let bright = catalogue.magnitudes.partition_point(|m| *m <= camera.magnitude_limit);
+        Self { camera, catalogue, bright, anchor: None, near: Vec::new() }
+    }
+    /// Calls `found` with the number in order of brightness, and the unit vector in the camera frame, of
+    /// each star seen at attitude `q_ic`.
+    fn look(&mut self, q_ic: &Quaternion<f64>, mut found: impl FnMut(u32, Vector<f64, 3>)) {
+        let boresight = rotate(q_ic, &[0.0, 0.0, 1.0]);
+        self.gather(&boresight);
+        // a little more than the field, for rounding: `sees` decides
+        let reach = self.camera.reach() - 1e-12;
+        let back = conjugate(q_ic);
+        let mut seen = 0;
+        for k in &self.near {
+            if seen == self.camera.brightest {
+                break;
+            }
+            let star = &self.catalogue.directions[*k as usize];
+            if dot3(&boresight, star) < reach {
+                continue;
+            }
+            let exact = rotate(&back, star);
+            if self.camera.sees(&exact) {
+                found(*k, exact);
+                seen += 1;
+            }
+        }
+    }
+    /// Most frames see the sky of the frame before: the whole catalogue is searched when the boresight has
+    /// moved by half a field.
+    fn gather(&mut self, boresight: &Vector<f64, 3>) {
+        let reach = self.camera.reach().clamp(-1.0, 1.0).acos();
+        if self.anchor.is_some_and(|a| dot3(&a, boresight) >= (0.5 * reach).cos()) {
+            return;
+        }
+        self.anchor = Some(*boresight);
+        // wider by a margin for rounding, which is large against it for fields of any use
+        let least = (1.5 * reach + 1e-6).min(std::f64::consts::PI).cos() - 1e-12;
+        let bright = self.catalogue.directions[..self.bright].iter().enumerate();
+        self.near.clear();
+        self.near.extend(bright.filter(|(_, d)| dot3(boresight, d) >= least).map(|(k, _)| k as u32));
+    }
+}
+
 /// A camera that looks at a catalogue.
 pub struct Observer<'a> {
-    camera: Camera,
+    sight: Sight<'a>,
     method: Method,
-    catalogue: &'a Catalogue,
     stream: Stream,
     sigma: Vec<f64>,
     inertial: Vec<Vector<f64, 3>>,
@@ -106,36 +164,100 @@ impl<'a> Observer<'a> {
     /// Noise comes from stream number `stream`, `(trial << 8) | channel`, of the `seed`.
     pub fn new(camera: Camera, catalogue: &'a Catalogue, method: Method, seed: u64, stream: u64) -> Self {
         let stream = Stream::new(seed, stream >> 8, (stream & 0xff) as u8);
-        Self { camera, method, catalogue, stream, sigma: Vec::new(), inertial: Vec::new() }
+        Self { sight: Sight::new(camera, catalogue), method, stream, sigma: Vec::new(), inertial: Vec::new() }
     }
     /// Takes a frame at attitude `q_ic` and adds it.
     pub fn observe(&mut self, q_ic: &Quaternion<f64>, frames: &mut Frames) {
-        let first = frames.vectors.len();
-        self.inertial.clear();
-        let boresight = rotate(q_ic, &[0.0, 0.0, 1.0]);
-        // a little more than the field, for rounding: `sees` decides
-        let reach = self.camera.reach() - 1e-12;
-        let (back, stars) = (conjugate(q_ic), self.catalogue);
-        let bright = stars.magnitudes.partition_point(|m| *m <= self.camera.magnitude_limit);
-        for k in 0..bright {
-            if self.inertial.len() == self.camera.brightest {
-                break;
-            }
-            if dot3(&boresight, &stars.directions[k]) < reach {
-                continue;
-            }
-            let exact = rotate(&back, &stars.directions[k]);
-            if self.camera.sees(&exact) {
-                self.inertial.push(stars.directions[k]);
-                frames.rows.push(stars.rows[k]);
-                frames.vectors.push(blurred(&mut self.stream, &exact, self.camera.sigma));
-            }
-        }
-        self.sigma.resize(self.inertial.len(), self.camera.sigma);
+        let (first, sigma) = (frames.vectors.len(), self.sight.camera.sigma);
+        let (stream, inertial, stars) = (&mut self.stream, &mut self.inertial, self.sight.catalogue);
+        inertial.clear();
+        self.sight.look(q_ic, |k, exact| {
+            inertial.push(stars.directions[k as usize]);
+            frames.rows.push(stars.rows[k as usize]);
+            frames.vectors.push(blurred(stream, &exact, sigma));
+        });
+        self.sigma.resize(self.inertial.len(), sigma);
         frames.counts.push(self.inertial.len());
         let body = &frames.vectors[first..];
         let seen = Vectors { body, inertial: &self.inertial, sigma: Some(&self.sigma), weights: None };
         frames.fixes.push(solve(&seen, self.method));
+    }
+}
+
+/// The stars of many frames at known attitudes: what is the same whatever the noise.
+#[derive(Clone, Debug, Default)]
+pub struct View {
+    sigma: f64,
+    directions: Vec<Vector<f64, 3>>,
+    stars: Vec<u32>,
+    /// Attitude `q_ic` of each frame, and where its stars end.
+    frames: Vec<(Quaternion<f64>, usize)>,
+}
+
+/// Memory that is used frame after frame.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    body: Vec<Vector<f64, 3>>,
+    inertial: Vec<Vector<f64, 3>>,
+    sigma: Vec<f64>,
+}
+
+impl View {
+    /// Frames at attitudes `q_ic`, as [`Observer::observe`] takes them. `keep_on` is called now and then.
+    ///
+    /// # Errors
+    /// What `keep_on` returns.
+    pub fn new<E>(
+        camera: Camera,
+        catalogue: &Catalogue,
+        attitudes: impl Iterator<Item = Quaternion<f64>>,
+        mut keep_on: impl FnMut() -> Result<(), E>,
+    ) -> Result<Self, E> {
+        let mut sight = Sight::new(camera, catalogue);
+        let directions = catalogue.directions[..sight.bright].to_vec();
+        let mut view = Self { sigma: camera.sigma, directions, ..Self::default() };
+        for (k, q_ic) in attitudes.enumerate() {
+            if k % CHUNK == 0 {
+                keep_on()?;
+            }
+            sight.look(&q_ic, |k, _| view.stars.push(k));
+            view.frames.push((q_ic, view.stars.len()));
+        }
+        Ok(view)
+    }
+    /// How many frames there are.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+    /// Most stars in one frame.
+    pub fn most(&self) -> usize {
+        (0..self.len()).map(|k| self.stars_of(k).len()).max().unwrap_or(0)
+    }
+    fn stars_of(&self, frame: usize) -> &[u32] {
+        let begin = frame.checked_sub(1).map_or(0, |k| self.frames[k].1);
+        &self.stars[begin..self.frames[frame].1]
+    }
+    /// The fix of a frame, with noise from the stream: the same as an observer's, if frames come in order.
+    ///
+    /// # Errors
+    /// [`Unobservable`] with fewer than two stars, or all on one line.
+    pub fn fix(&self, frame: usize, stream: &mut Stream, scratch: &mut Scratch) -> Result<Fix, Unobservable> {
+        let back = conjugate(&self.frames[frame].0);
+        let Scratch { body, inertial, sigma } = scratch;
+        body.clear();
+        inertial.clear();
+        for k in self.stars_of(frame) {
+            let star = &self.directions[*k as usize];
+            inertial.push(*star);
+            body.push(blurred(stream, &rotate(&back, star), self.sigma));
+        }
+        sigma.clear();
+        sigma.resize(body.len(), self.sigma);
+        solve(&Vectors { body, inertial, sigma: Some(sigma), weights: None }, Method::default())
     }
 }
 

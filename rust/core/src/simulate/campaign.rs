@@ -2,15 +2,15 @@
 
 use super::rng::{Stream, channel};
 use super::score::{Flown, Score};
-use super::{GyroErrors, Readings, Scenario};
+use super::{Fixes, GyroErrors, Readings, Scenario, StarSource};
 use crate::attitude::{
     AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, Buffers, GyroModel, GyroSeries, GyroTiming,
     Log, Options, Rows, StarSeries, first_fix, rows, run, smooth,
 };
 use crate::error::{Error, Result};
-use crate::linalg::{Matrix, apply, cholesky_semidefinite};
+use crate::linalg::{Matrix, apply, cholesky_semidefinite, mul, transpose};
 use crate::manifold::Manifold;
-use crate::quaternion::{Quaternion, conjugate, multiply, rotate};
+use crate::quaternion::{Quaternion, conjugate, multiply, rotate, to_matrix};
 use crate::replay::{End, Output, Start};
 use crate::scalar::Level;
 use std::ops::Range;
@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 pub struct KnownCamera {
     /// Camera frame to body, `q_bc`.
     pub mounting: Option<Quaternion<f64>>,
-    /// Covariance in the body frame, rad²: `(xx, xy, xz, yy, yz, zz)`.
+    /// Covariance in the body frame, rad²: `(xx, xy, xz, yy, yz, zz)`; of no use where fixes bring their own.
     pub noise: [f64; 6],
 }
 
@@ -150,10 +150,19 @@ fn collect(
 /// What all threads read.
 struct Shared<'a> {
     campaign: &'a Campaign<'a>,
-    /// Noise of each fix, by estimator and camera.
+    /// Noise of each fix, by estimator and camera; empty where fixes bring their own.
     noise: Vec<Vec<Vec<[f64; 6]>>>,
-    /// Whether there is a fix at a time of the truth, or since the one before.
+    /// Whether there is a fix at a time of the truth, or since the one before, in every trial.
     fixed: Vec<bool>,
+}
+
+/// Marks the times of the truth at or after those of fixes.
+fn mark(fixed: &mut [bool], truth: &[f64], fixes: &[f64]) {
+    for t in fixes {
+        if let Some(at) = fixed.get_mut(truth.partition_point(|s| s < t)) {
+            *at = true;
+        }
+    }
 }
 
 impl<'a> Shared<'a> {
@@ -169,17 +178,20 @@ impl<'a> Shared<'a> {
         same("truth.rate", truth.rate.len(), truth.t.len())?;
         let mut fixed = vec![false; truth.t.len()];
         for camera in cameras {
-            same("star.q", camera.q.len(), camera.t.len())?;
-            for t in camera.t {
-                if let Some(at) = fixed.get_mut(truth.t.partition_point(|s| s < t)) {
-                    *at = true;
-                }
+            let (t, q) = camera.frames();
+            same("star.q", q.len(), t.len())?;
+            if let StarSource::Noise(camera) = camera {
+                mark(&mut fixed, truth.t, camera.t);
             }
         }
         let mut noise = Vec::new();
         for e in &campaign.estimators {
             same("estimator cameras", e.cameras.len(), cameras.len())?;
-            noise.push(e.cameras.iter().zip(cameras).map(|(k, c)| vec![k.noise; c.t.len()]).collect());
+            let always = |(known, camera): (&KnownCamera, &StarSource<'_>)| match camera {
+                StarSource::Noise(camera) => vec![known.noise; camera.t.len()],
+                StarSource::Field(_) => Vec::new(),
+            };
+            noise.push(e.cameras.iter().zip(cameras).map(always).collect());
         }
         Ok(Self { campaign, noise, fixed })
     }
@@ -193,6 +205,10 @@ struct Worker<'a> {
     /// Rates and fixes in the body frame, where a mounting makes them differ from the readings.
     rate: Vec<[f64; 3]>,
     fixes: Vec<Vec<Quaternion<f64>>>,
+    /// Noise of fixes that bring their own, in the body frame.
+    noise: Vec<Vec<[f64; 6]>>,
+    /// Where there are fixes in this trial; see [`Shared`].
+    fixed: Vec<bool>,
     /// Biases as an estimator sees them.
     bias: Vec<[f64; 3]>,
     buffers: Buffers,
@@ -209,6 +225,8 @@ impl<'a> Worker<'a> {
             rate: Vec::new(),
             bias: Vec::new(),
             fixes: vec![Vec::new(); shared.campaign.scenario.cameras.len()],
+            noise: vec![Vec::new(); shared.campaign.scenario.cameras.len()],
+            fixed: Vec::new(),
             buffers: Buffers::new(rows, true),
             rows,
         }
@@ -216,7 +234,14 @@ impl<'a> Worker<'a> {
 
     fn trial(&mut self, trial: u64) -> Result<Vec<Scored>> {
         let campaign = self.shared.campaign;
-        campaign.scenario.simulate(campaign.seed, trial, &mut self.readings);
+        let mut keep_on = || keep_on(self.stop);
+        campaign.scenario.simulate(campaign.seed, trial, &mut self.readings, &mut keep_on)?;
+        self.fixed.clone_from(&self.shared.fixed);
+        for (camera, fixes) in campaign.scenario.cameras.iter().zip(&self.readings.fixes) {
+            if matches!(camera, StarSource::Field(_)) {
+                mark(&mut self.fixed, campaign.scenario.truth.t, camera.known(fixes).0);
+            }
+        }
         let mut out = Vec::with_capacity(campaign.estimators.len());
         for number in 0..campaign.estimators.len() {
             out.push(match self.estimate(number, trial) {
@@ -235,9 +260,12 @@ impl<'a> Worker<'a> {
         let rate = turned(e.gyro_turn.as_ref(), &self.readings.rate, &mut self.rate);
         let bias = bias_of(e.gyro_turn.as_ref(), &campaign.scenario.gyro, &self.readings.bias, &mut self.bias);
         let kept = self.readings.fixes.iter().zip(&mut self.fixes).zip(&e.cameras);
-        let fixes: Vec<&[Quaternion<f64>]> = kept.map(|((q, own), c)| of_body(c.mounting, q, own)).collect();
-        let series: Vec<AttitudeSensor<'_>> = (fixes.iter().zip(cameras).zip(noise))
-            .map(|((q, camera), noise)| AttitudeSensor::Star(StarSeries { t: camera.t, q, noise }))
+        let fixes: Vec<&[Quaternion<f64>]> = kept.map(|((f, own), c)| of_body(c.mounting, &f.q, own)).collect();
+        let known: Vec<_> = cameras.iter().zip(&self.readings.fixes).map(|(c, f)| c.known(f)).collect();
+        let always = self.readings.fixes.iter().zip(&mut self.noise).zip(noise).zip(&e.cameras);
+        let noise = always.map(|(((f, own), always), c)| noise_of(c.mounting, f, always, own));
+        let series: Vec<AttitudeSensor<'_>> = (fixes.iter().zip(&known).zip(noise))
+            .map(|((q, (t, _)), noise)| AttitudeSensor::Star(StarSeries { t, q, noise }))
             .collect();
         let sensors = AttitudeSensors::new(&series, e.gate)?;
         let gyro = GyroSeries { t: truth.t, rate, timing: e.timing };
@@ -255,8 +283,13 @@ impl<'a> Worker<'a> {
         let seconds = began.elapsed().as_secs_f64();
         let last = if e.smooth { truth.t[truth.t.len() - 1] - campaign.skip } else { f64::INFINITY };
         let window = [truth.t[0] + campaign.skip, last];
-        Flown { truth, bias, fixed: &self.shared.fixed, cameras, fixes, window }.score(&self.buffers, &end, seconds)
+        let true_fixes = known.into_iter().map(|(_, q)| q).collect();
+        Flown { truth, bias, fixed: &self.fixed, true_fixes, fixes, window }.score(&self.buffers, &end, seconds)
     }
+}
+
+fn keep_on(stop: &AtomicBool) -> Result<()> {
+    if stop.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
 }
 
 /// The one place where a trial meets a filter or a smoother.
@@ -270,7 +303,7 @@ fn run_or_smooth(
 ) -> Result<End<AttitudeBias, 6>> {
     let options = Options { output: Output::Every(1), level };
     let (columns, measured) = buffers.columns();
-    let mut poll = |_| if stop.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) };
+    let mut poll = |_| keep_on(stop);
     if e.smooth {
         smooth(&e.filter, log, start, &options, columns, measured, &mut poll)
     } else {
@@ -328,5 +361,24 @@ fn of_body<'a>(
     let back = conjugate(&m);
     own.clear();
     own.extend(q.iter().map(|q| multiply(q, &back)));
+    own
+}
+
+/// Noise of a camera's fixes in the body frame: their own, or what is always assumed.
+fn noise_of<'a>(
+    mounting: Option<Quaternion<f64>>,
+    fixes: &Fixes,
+    always: &'a [[f64; 6]],
+    own: &'a mut Vec<[f64; 6]>,
+) -> &'a [[f64; 6]] {
+    if fixes.covariance.is_empty() {
+        return always;
+    }
+    let turn = mounting.map(|m| to_matrix(&m));
+    own.clear();
+    own.extend(fixes.covariance.iter().map(|p| {
+        let p = turn.as_ref().map_or(*p, |turn| mul(turn, &mul(p, &transpose(turn))));
+        [p[(0, 0)], p[(0, 1)], p[(0, 2)], p[(1, 1)], p[(1, 2)], p[(2, 2)]]
+    }));
     own
 }

@@ -6,12 +6,13 @@ mod gyro;
 pub mod rng;
 mod score;
 
-pub use camera::StarNoise;
+pub use camera::{Fixes, StarField, StarNoise, StarSource};
 pub use campaign::{Begin, Campaign, Estimator, KnownCamera, Scored, monte_carlo};
 pub use gyro::GyroErrors;
 pub use rng::{MAX_TRIAL, Stream, channel};
 pub use score::Score;
 
+use crate::error::Result;
 use crate::quaternion::Quaternion;
 
 /// An attitude history.
@@ -33,7 +34,7 @@ pub struct Scenario<'a> {
     /// The gyro's errors.
     pub gyro: GyroErrors,
     /// The star cameras.
-    pub cameras: Vec<StarNoise<'a>>,
+    pub cameras: Vec<StarSource<'a>>,
 }
 
 /// What the sensors of one trial report. Memory is reused from trial to trial.
@@ -43,17 +44,28 @@ pub struct Readings {
     pub rate: Vec<[f64; 3]>,
     /// Biases, body frame, rad/s: bias and drift at each time.
     pub bias: Vec<[f64; 3]>,
-    /// Fixes `q_ic` of each camera.
-    pub fixes: Vec<Vec<Quaternion<f64>>>,
+    /// Fixes of each camera.
+    pub fixes: Vec<Fixes>,
 }
 
 impl Scenario<'_> {
-    /// One trial: the same bits for the same seed and trial, in any order and on any thread.
-    pub fn simulate(&self, seed: u64, trial: u64, out: &mut Readings) {
+    /// One trial: the same bits for the same seed and trial, in any order and on any thread. `keep_on` is
+    /// called now and then.
+    ///
+    /// # Errors
+    /// What `keep_on` returns.
+    pub fn simulate(
+        &self,
+        seed: u64,
+        trial: u64,
+        out: &mut Readings,
+        keep_on: &mut dyn FnMut() -> Result<()>,
+    ) -> Result<()> {
         self.gyro.simulate(&self.truth, seed, trial, &mut out.rate, &mut out.bias);
-        out.fixes.resize_with(self.cameras.len(), Vec::new);
+        out.fixes.resize_with(self.cameras.len(), Fixes::default);
         for (place, (camera, fixes)) in self.cameras.iter().zip(&mut out.fixes).enumerate() {
-            camera.simulate(&mut Stream::new(seed, trial, channel::STAR + place as u8), fixes);
+            camera.simulate((seed, trial, place as u8), fixes, keep_on)?;
         }
+        Ok(())
     }
 }

@@ -21,6 +21,8 @@ pub mod channel {
     pub const START: u8 = 4;
     /// First star camera; the next ones follow.
     pub const STAR: u8 = 16;
+    /// Centroids of the first physical star camera; those of the next ones follow.
+    pub const FRAME: u8 = 80;
     /// How many star cameras there may be.
     pub const STARS: usize = 64;
 }

@@ -1,7 +1,6 @@
 //! How far an estimate was from the truth.
 
 use super::Truth;
-use super::camera::StarNoise;
 use crate::attitude::{Attitude, AttitudeBias, Buffers};
 use crate::error::{Error, Result};
 use crate::linalg::{Matrix, cholesky, forward_solve, from_fn};
@@ -41,7 +40,8 @@ pub(super) struct Flown<'a> {
     pub(super) bias: &'a [[f64; 3]],
     /// Whether there is a fix at the time, or since the one before.
     pub(super) fixed: &'a [bool],
-    pub(super) cameras: &'a [StarNoise<'a>],
+    /// True attitudes at the fixes of each camera.
+    pub(super) true_fixes: Vec<&'a [Quaternion<f64>]>,
     /// Fixes of each camera as the estimator takes them, body to inertial.
     pub(super) fixes: Vec<&'a [Quaternion<f64>]>,
     /// First and last time that count, s.
@@ -134,7 +134,7 @@ impl Flown<'_> {
             }
             let (camera, row) = (out.source[0][m] as usize, out.source[1][m] as usize);
             let predicted = multiply(&self.fixes[camera][row], &exp(&out.innovation[m].map(|v| -v)));
-            before.add(squares(difference(&predicted, &self.cameras[camera].q[row])));
+            before.add(squares(difference(&predicted, &self.true_fixes[camera][row])));
             accepted.add([f64::from(u8::from(out.accepted[m]))]);
             if out.accepted[m] {
                 nis.add([out.nis[m]]);
