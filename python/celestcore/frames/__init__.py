@@ -23,17 +23,37 @@ from celestcore.frames._bodies import (
     moon,
     sun,
 )
+from celestcore.frames._orbit import (
+    Eclipse,
+    GroundTrack,
+    aberrate,
+    eclipse,
+    from_geodetic,
+    geodetic,
+    ground_track,
+    nadir,
+    orbital,
+)
 from celestcore.frames._rotation import gcrs_to_itrs, itrs_to_gcrs, to_gcrs, to_itrs
 from celestcore.frames._time import julian_date
 
 __all__ = [
+    "Eclipse",
+    "GroundTrack",
+    "aberrate",
     "earth_position",
     "earth_velocity",
+    "eclipse",
     "environment",
+    "from_geodetic",
     "gcrs_to_itrs",
+    "geodetic",
+    "ground_track",
     "itrs_to_gcrs",
     "julian_date",
     "moon",
+    "nadir",
+    "orbital",
     "sun",
     "to_gcrs",
     "to_itrs",
