@@ -4,7 +4,7 @@
     python tools/build_stars.py                          # write
     python tools/build_stars.py --check                  # compare with what is shipped
 
-`python/celestcore/data/README.md` says what it is.
+`python/celestcore/data/stars/README.md` says what it is.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ _OBLIQUITY = 23.43929111 * DEG
 COST = (
     "the built-in series stand in for pyerfa: the Earth's axis is good to 0.04 arcsec (1.4 m at a "
     "radius of 7000 km), the Sun's direction to 40 arcsec, the Moon's to 300 arcsec, which moves "
-    "an orbit of ten hours by centimetres"
+    "a low orbit by up to a decimetre in ten hours"
 )
 
 # arguments (l, l', F, D, Omega) of IERS Conventions (2010) eq. 5.43: constant and rate, arcsec
