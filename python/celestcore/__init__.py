@@ -6,8 +6,8 @@ Conventions, the same everywhere:
 - Quaternions are Hamilton's, scalar first ``(w, x, y, z)``, unit; ``q_ib`` takes body vectors to
   inertial ones, ``v_i = q_ib * v_b * conj(q_ib)``.
 - Attitude errors stand on the right, in the body frame: ``q = q_hat * exp(dtheta / 2)``.
-- Frames: ``i`` GCRS, ``e`` ITRS, ``b`` body, ``c`` camera; ``q_ab`` takes ``b`` components to ``a``
-  components.
+- Frames: ``i`` GCRS, ``e`` ITRS, ``o`` orbital (z to the Earth's centre, y against the orbit's
+  normal), ``b`` body, ``c`` camera; ``q_ab`` takes ``b`` components to ``a`` components.
 - Times are float64 seconds since one stated epoch.
 - Noise is given as densities: gyro angle random walk ``arw`` [rad/sqrt(s)], rate random walk
   ``rrw`` [rad/s/sqrt(s)].
@@ -23,7 +23,7 @@ Examples
 True
 """
 
-from celestcore import analysis, orbit, quaternion, simulate, wahba
+from celestcore import analysis, elements, frames, orbit, quaternion, simulate, wahba
 from celestcore._core import __version__
 from celestcore.calibration import Calibration
 from celestcore.camera import CameraModel, StarCatalogue
@@ -74,6 +74,8 @@ __all__ = [
     "VectorSensor",
     "__version__",
     "analysis",
+    "elements",
+    "frames",
     "monte_carlo",
     "orbit",
     "quaternion",

@@ -26,9 +26,13 @@ _SYMMETRY_TOLERANCE = 1e-8
 def warn(message: str) -> None:
     """Warn at the line of the caller outside celestcore."""
     level, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_globals.get("__package__", "") == __package__:
+    while frame.f_back is not None and _is_ours(frame.f_globals.get("__package__")):
         level, frame = level + 1, frame.f_back
     warnings.warn(message, CelestcoreWarning, stacklevel=level)
+
+
+def _is_ours(package: str | None) -> bool:
+    return (package or "").partition(".")[0] == (__package__ or "").partition(".")[0]
 
 
 def array(value: Any, field: str, shape: Sequence[int | None] | None = None) -> FloatArray:
