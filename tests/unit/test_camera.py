@@ -307,3 +307,15 @@ def test_catalogue_is_a_value() -> None:
     sky = StarCatalogue.from_radec([np.pi / 2], [np.pi / 4], [3.0])
     assert np.abs(sky.directions - [0.0, np.sqrt(0.5), np.sqrt(0.5)]).max() < 1e-15
     assert repr(sky) == "StarCatalogue(1 stars of magnitude 3.0 to 3.0)"
+
+
+@pytest.mark.parametrize("shape", ["circle", "square"])
+def test_frames_that_follow_each_other_are_like_frames_alone(shape: str) -> None:
+    """Stars near the frame before are searched first; none may be lost."""
+    t = np.arange(300.0)
+    q = quat.exp(t[:, None] * [0.011, -0.004, 0.002])
+    camera = model(shape=shape, brightest=None)
+    along = camera.observe(t, q)
+    for k in range(0, 300, 7):
+        alone = camera.observe(t[k : k + 1], q[k : k + 1])
+        assert along.rows[k, : along.stars[k]].tolist() == alone.rows[0].tolist()
