@@ -299,6 +299,49 @@ def test_tables_have_six_hours_of_margin(duration: float) -> None:
         assert 0.0 in tables[name]
 
 
+def test_tables_take_a_first_and_a_last_time() -> None:
+    tables = frames.environment(EPOCH, (-5e4, 7e4))
+    assert tables["earth_t"][0] <= -5e4 - 21600.0
+    assert tables["earth_t"][-1] >= 7e4 + 21600.0
+
+
+def test_tables_are_close_enough_together() -> None:
+    """Interpolate by Lagrange's polynomial through the nearest points, as a propagator does."""
+    points = 8
+    tables, t = frames.environment(EPOCH, 36000.0), np.linspace(0.0, 36000.0, 301)
+    start = _time.instant(EPOCH)
+    (day, rest), eop = start.julian(t), _iers.orientation(start, t)
+    x, y, _ = erfa.xys06a(day, rest)
+    x, y = x + eop.dx, y + eop.dy
+    cip = np.stack([x, y, erfa.s06(day, rest, x, y)], axis=-1)
+
+    def between(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
+        u = (t - nodes[0]) / (nodes[1] - nodes[0])
+        first = np.clip(np.floor(u).astype(int) - points // 2 + 1, 0, len(nodes) - points)
+        out = np.zeros((len(t), values.shape[1]))
+        for j in range(points):
+            others = [k for k in range(points) if k != j]
+            weight = np.prod([(u - first - k) / (j - k) for k in others], axis=0)
+            out += weight[:, None] * values[first + j]
+        return out
+
+    assert np.abs(between(tables["earth_t"], tables["cip"]) - cip).max() < 1e-13
+    sun, moon = (between(tables["body_t"], tables[name]) for name in ("sun", "moon"))
+    assert np.abs(sun - frames.sun(EPOCH, t)).max() < 0.01
+    assert np.abs(moon - frames.moon(EPOCH, t)).max() < 0.001
+
+
+def test_zero_orientation_takes_the_leap_seconds_of_its_start() -> None:
+    for text, leap in {
+        "2016-12-31T23:59:59": 36,
+        "2016-12-31T23:59:60.5": 36,
+        "2017-01-01T00:00:00": 37,
+        "2017-01-01T00:01:00": 37,
+    }.items():
+        got = _iers.orientation(_time.instant(text), 0.0, "zero").ut1_tt
+        assert float(got) == -(leap + 32.184), text
+
+
 def test_a_run_across_a_leap_second_turns_on_evenly() -> None:
     tables = frames.environment("2016-12-31T18:00:00", 36000.0)
     assert np.abs(np.diff(tables["dut1"])).max() < 1e-4
@@ -311,6 +354,10 @@ def test_a_run_across_a_leap_second_turns_on_evenly() -> None:
 def test_duration_and_choices_are_checked() -> None:
     with pytest.raises(cc.InputError, match="duration"):
         frames.environment(EPOCH, np.inf)
+    with pytest.raises(cc.InputError, match="duration"):
+        frames.environment(EPOCH, [0.0, np.nan])
+    with pytest.raises(cc.InputError, match="first and a last"):
+        frames.environment(EPOCH, [0.0, 1.0, 2.0])
     with pytest.raises(cc.InputError, match="century"):
         frames.environment(EPOCH, 1e11)
     with pytest.raises(cc.InputError, match="orientation"):

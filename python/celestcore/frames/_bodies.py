@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from celestcore._check import FloatArray, number
+from celestcore._check import FloatArray, array, number
 from celestcore.errors import InputError
 from celestcore.frames import _iers, _series
 from celestcore.frames._rotation import choose, flat_times, tio_locator, with_offsets
@@ -170,15 +170,24 @@ def earth_position(epoch: Any, t: ArrayLike = 0.0, *, method: str | None = None)
     return np.asarray(barycentric["p"] * erfa.DAU).reshape(*shape, 3)
 
 
-def _nodes(duration: float, step: float) -> FloatArray:
-    before = np.ceil(_MARGIN / step)
-    after = np.ceil((max(duration, 0.0) + _MARGIN) / step)
-    first = np.floor(min(duration, 0.0) / step) - before
-    return np.asarray(step * np.arange(first, after + 1.0))
+def _nodes(first: float, last: float, step: float) -> FloatArray:
+    begin, end = np.floor((first - _MARGIN) / step), np.ceil((last + _MARGIN) / step)
+    return np.asarray(step * np.arange(begin, end + 1.0))
+
+
+def _limits(duration: Any) -> tuple[float, float]:
+    ends = array(duration, "duration").reshape(-1)
+    if len(ends) not in (1, 2):
+        raise InputError("must be one time or a first and a last one", field="duration")
+    given = [number(end, "duration") for end in ends]
+    first, last = min(*given, 0.0), max(*given, 0.0)
+    if last - first > 3.2e9:
+        raise InputError("must be below a century of seconds", field="duration", value=last - first)
+    return first, last
 
 
 def environment(
-    epoch: Any, duration: float, *, orientation: str = "iers", method: str | None = None
+    epoch: Any, duration: ArrayLike, *, orientation: str = "iers", method: str | None = None
 ) -> dict[str, FloatArray]:
     """Tables of the Earth's orientation, the Sun and the Moon for a run, as propagators use them.
 
@@ -188,8 +197,9 @@ def environment(
     ----------
     epoch : str, datetime or astropy Time
         The run's ``t = 0``; UTC unless a scale follows.
-    duration : float
-        How far the run goes [s]; negative for one that goes back. Tables reach 6 h beyond.
+    duration : float or (float, float)
+        How far the run goes [s], negative for one that goes back; or its first and last time.
+        Tables cover ``t = 0`` and reach 6 h beyond the run.
     orientation, method
         As in `gcrs_to_itrs`.
 
@@ -212,12 +222,10 @@ def environment(
     >>> tables["cip"].shape, tables["sun"].shape
     ((23, 3), (12, 3))
     """
-    length = number(duration, "duration")
-    if abs(length) > 3.2e9:
-        raise InputError("must be below a century of seconds", field="duration", value=length)
+    first, last = _limits(duration)
     _iers.check(orientation)
     erfa, start = choose(method), instant(epoch)
-    earth_t, body_t = _nodes(length, _EARTH_STEP), _nodes(length, _BODY_STEP)
+    earth_t, body_t = _nodes(first, last, _EARTH_STEP), _nodes(first, last, _BODY_STEP)
     eop = _iers.orientation(start, earth_t, orientation)
     at_start = float(_iers.orientation(start, 0.0, orientation).ut1_tt)
     tables = {

@@ -113,7 +113,9 @@ def orientation(start: Instant, t: ArrayLike, source: str = "iers") -> Orientati
     have = table() if source == "iers" else None
     if have is None:
         zero = np.zeros_like(days)
-        day = int(np.floor(start.mjd + (start.seconds - 80.0) / DAY))
+        tai = start.seconds - TT_TAI
+        day = start.mjd + int(np.floor(tai / DAY))
+        day = start.mjd + int(np.floor((tai - float(leap_seconds(day))) / DAY))
         ut1_tt = zero - (float(leap_seconds(day)) + TT_TAI)
         return Orientation(zero, zero, ut1_tt, zero, zero, np.zeros(days.shape, dtype=bool))
     nodes = have.mjd + (leap_seconds(have.mjd) + TT_TAI) / DAY
