@@ -223,6 +223,13 @@ def to_state(elements: Elements, *, mu: float = MU) -> tuple[FloatArray, FloatAr
 def mean_motion(a: ArrayLike, *, mu: float = MU) -> FloatArray:
     """Mean motion [rad/s] of ellipses with semi-major axes `a` (...) [m].
 
+    Parameters
+    ----------
+    a : array_like (...)
+        Semi-major axes [m].
+    mu : float
+        Gravitational parameter [m^3/s^2].
+
     Raises
     ------
     InputError
@@ -241,6 +248,13 @@ def mean_motion(a: ArrayLike, *, mu: float = MU) -> FloatArray:
 
 def period(a: ArrayLike, *, mu: float = MU) -> FloatArray:
     """Period [s] of ellipses with semi-major axes `a` (...) [m]; raises as `mean_motion` does.
+
+    Parameters
+    ----------
+    a : array_like (...)
+        Semi-major axes [m].
+    mu : float
+        Gravitational parameter [m^3/s^2].
 
     Examples
     --------

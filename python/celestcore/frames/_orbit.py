@@ -28,6 +28,11 @@ class Eclipse(NamedTuple):
         Part of the Sun's disc that is not covered, 1 in full sun and 0 in the umbra.
     umbra, penumbra : ndarray of bool
         All of the disc covered; a part of it.
+
+    Examples
+    --------
+    >>> Eclipse(np.array(0.0), np.array(True), np.array(False)).umbra
+    array(True)
     """
 
     lit: FloatArray
@@ -46,6 +51,11 @@ class GroundTrack(NamedTuple):
         [rad], east, from -pi to pi.
     height : ndarray
         [m] above the ellipsoid.
+
+    Examples
+    --------
+    >>> GroundTrack(np.array(0.1), np.array(0.2), np.array(5e5)).height
+    array(500000.)
     """
 
     latitude: FloatArray
@@ -246,7 +256,14 @@ def geodetic(r_e: ArrayLike) -> GroundTrack:
 
 
 def from_geodetic(latitude: ArrayLike, longitude: ArrayLike, height: ArrayLike) -> FloatArray:
-    """Earth-fixed positions (..., 3) [m] of geodetic coordinates (...) [rad, rad, m], WGS84.
+    """Earth-fixed positions (..., 3) [m] of geodetic coordinates (...), WGS84.
+
+    Parameters
+    ----------
+    latitude, longitude : array_like (...)
+        [rad].
+    height : array_like (...)
+        [m] above the ellipsoid.
 
     Examples
     --------

@@ -192,7 +192,12 @@ def itrs_to_gcrs(
 ) -> FloatArray:
     """Rotation matrices (..., 3, 3) that take ITRS components to GCRS components.
 
-    The transposes of `gcrs_to_itrs`, which lists the parameters.
+    The transposes of `gcrs_to_itrs`.
+
+    Parameters
+    ----------
+    epoch, t, orientation, method
+        As `gcrs_to_itrs`.
 
     Examples
     --------
@@ -277,6 +282,11 @@ def to_gcrs(
     method: str | None = None,
 ) -> tuple[FloatArray, FloatArray | None]:
     """Positions and velocities from ITRS to GCRS: the inverse of `to_itrs`.
+
+    Parameters
+    ----------
+    epoch, t, r, v, orientation, method
+        As `to_itrs`, with Earth-fixed positions and velocities.
 
     Examples
     --------

@@ -228,5 +228,5 @@ def _environment(
             field="epoch",
         )
     frames = importlib.import_module("celestcore.frames")
-    made: dict[str, Any] = frames.environment(epoch, float(max(t[0], t[-1], 0.0)))
+    made: dict[str, Any] = frames.environment(epoch, (float(t.min()), float(t.max())))
     return made
