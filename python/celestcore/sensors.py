@@ -174,7 +174,8 @@ class Gyro:
 def _errors(value: ArrayLike) -> tuple[tuple[float, ...], ...]:
     m = array(value, "gyro.errors", (3, 3))
     if not np.isfinite(m).all():
-        raise InputError("must be finite", field="gyro.errors")
+        bad = float(m[~np.isfinite(m)][0])
+        raise InputError("must be finite", field="gyro.errors", value=bad)
     size = float(np.linalg.norm(m))
     if not size < _LARGE_ERRORS:
         raise InputError(
