@@ -221,7 +221,8 @@ pub fn shortest_rotation(a: &Vector<f64, 3>, b: &Vector<f64, 3>) -> Quaternion<f
     multiply(&through_the_middle(&a.map(|c| -c), &b), &[0.0, axis[0], axis[1], axis[2]])
 }
 
-fn unit_vector(v: &Vector<f64, 3>) -> Vector<f64, 3> {
+/// The unit vector along `v`.
+pub fn unit_vector(v: &Vector<f64, 3>) -> Vector<f64, 3> {
     let n = dot3(v, v).sqrt();
     v.map(|c| c / n)
 }

@@ -5,7 +5,7 @@
 
 use super::wahba::{Fix, Method, Unobservable, Vectors, solve};
 use crate::linalg::Vector;
-use crate::quaternion::{Quaternion, conjugate, dot3, rotate, tangents};
+use crate::quaternion::{Quaternion, conjugate, dot3, rotate, tangents, unit_vector};
 use crate::simulate::rng::Stream;
 
 /// Frames between looks at whether to go on.
@@ -79,7 +79,7 @@ impl Catalogue {
 pub fn isotropic(n: usize, seed: u64) -> Vec<Vector<f64, 3>> {
     const CATALOGUE: u8 = 255;
     let mut stream = Stream::new(seed, 0, CATALOGUE);
-    (0..n).map(|_| unit(&std::array::from_fn(|_| stream.normal()))).collect()
+    (0..n).map(|_| unit_vector(&std::array::from_fn(|_| stream.normal()))).collect()
 }
 
 /// Frames of one camera, one after the other.
@@ -261,14 +261,9 @@ impl View {
     }
 }
 
-fn unit(v: &Vector<f64, 3>) -> Vector<f64, 3> {
-    let n = dot3(v, v).sqrt();
-    v.map(|c| c / n)
-}
-
 /// A unit vector moved by noise of `sigma` in each of the two directions across it.
 fn blurred(stream: &mut Stream, v: &Vector<f64, 3>, sigma: f64) -> Vector<f64, 3> {
     let [a, b] = tangents(v);
     let (x, y) = (sigma * stream.normal(), sigma * stream.normal());
-    unit(&std::array::from_fn(|i| v[i] + x * a[i] + y * b[i]))
+    unit_vector(&std::array::from_fn(|i| v[i] + x * a[i] + y * b[i]))
 }

@@ -1,7 +1,7 @@
 //! Angles of one epoch that share the error of one horizon sensor, combined into a nadir direction.
 
 use crate::error::{Error, Result};
-use crate::quaternion::{cross, dot3, tangents};
+use crate::quaternion::{cross, dot3, tangents, unit_vector};
 
 /// A nadir direction that angles to stars have given.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +43,7 @@ pub fn combine(
     if stars.len() != angles.len() {
         return Err(Error::Length { field: "angles", expected: stars.len(), found: angles.len() });
     }
-    let mut direction = unit(guess);
+    let mut direction = unit_vector(guess);
     for _ in 0..ITERATIONS {
         let axes = tangents(&direction);
         let (squares, gradient) = normal_equations(stars, angles, &direction, &axes);
@@ -74,7 +74,7 @@ fn descend(stars: &[[f64; 3]], angles: &[f64], from: &[f64; 3], axes: &[[f64; 3]
     let mut part = (LONGEST / length).min(1.0);
     for _ in 0..HALVINGS {
         let [a, b] = step.map(|s| s * part);
-        let to = unit(&std::array::from_fn(|i| from[i] + a * axes[0][i] + b * axes[1][i]));
+        let to = unit_vector(&std::array::from_fn(|i| from[i] + a * axes[0][i] + b * axes[1][i]));
         if misfit(&to) <= before || length < 1e-9 {
             return to;
         }
@@ -123,9 +123,4 @@ fn inverse(m: &[f64; 3], stars: usize) -> Result<[f64; 3]> {
     }
     let need = "stars do not fix a nadir direction: at least two are needed, not all in one plane with the nadir";
     Err(Error::Parameter { field: "stars", value: stars as f64, need })
-}
-
-fn unit(v: &[f64; 3]) -> [f64; 3] {
-    let n = dot3(v, v).sqrt();
-    v.map(|c| c / n)
 }

@@ -1,17 +1,8 @@
 //! Vectors of three components over any scalar.
 
 use crate::linalg::{Matrix, from_fn};
+pub(super) use crate::quaternion::{cross, dot3};
 use crate::scalar::Real;
-
-#[inline(always)]
-pub(super) fn dot3<T: Real>(a: &[T; 3], b: &[T; 3]) -> T {
-    a[2].mul_add(b[2], a[1].mul_add(b[1], a[0] * b[0]))
-}
-
-#[inline(always)]
-pub(super) fn cross<T: Real>(a: &[T; 3], b: &[T; 3]) -> [T; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
 
 #[inline(always)]
 pub(super) fn sub3<T: Real>(a: &[T; 3], b: &[T; 3]) -> [T; 3] {
