@@ -89,6 +89,7 @@ def main(folder: str | Path = ".") -> None:
     print(f"smoothed {usual[1] / cc.ARCSEC:.2f}")
 
     target = Path(folder) / "fermi_smoothed.png"
+    target.parent.mkdir(parents=True, exist_ok=True)
     fig = picture(filtered, smoothed, errors)
     fig.savefig(target, dpi=120)
     plt.close(fig)

@@ -67,6 +67,17 @@ def test_run(log: cc.SensorLog, kind: cc.EKF | cc.UKF, every: int) -> None:
     show(name, min(core) / SAMPLES * 1e9, f" in the core, {beyond:+.1%} from Python")
 
 
+@pytest.mark.parametrize(
+    "kind", [*FILTERS, cc.LiteralUKF()], ids=lambda f: f"{f.kind}-{f.integrator}"
+)
+def test_smooth(log: cc.SensorLog, kind: cc.EKF | cc.UKF) -> None:
+    nav = cc.StarGyroNavigator(kind, cc.Gyro(arw=ARW, rrw=RRW), cc.StarCamera(SIGMA))
+    core: list[float] = []
+    best(lambda: core.append(nav.smooth(log, every=10).elapsed_s))
+    name = f"smooth, {kind.kind} {kind.integrator}, a row every 10"
+    show(name, min(core) / SAMPLES * 1e9, " in the core, there and back")
+
+
 @pytest.mark.parametrize("kind", [cc.EKF(), cc.UKF()], ids=lambda f: f.kind)
 def test_streaming_predict(log: cc.SensorLog, kind: cc.EKF | cc.UKF) -> None:
     assert log.gyro is not None
