@@ -38,6 +38,12 @@ pub trait Sensors<S: Manifold<N>, const N: usize> {
     fn time(&self, i: usize) -> f64;
     /// Corrects a belief by measurement `i`.
     fn update<F: Filter, T: Real<Mask = bool>>(&self, i: usize, filter: &F, belief: &mut F::Belief<S, T, N>) -> Report;
+    /// Logarithm of the probability density of measurement `i` in state `x`, up to a constant: what weighs
+    /// particles. Not a number for sensors that do not know it.
+    #[inline(always)]
+    fn log_likelihood<T: Real>(&self, _i: usize, _x: &S::Of<T>) -> T {
+        T::splat(f64::NAN)
+    }
 }
 
 /// An [`Outcome`] in plain numbers, whatever its size; unused entries are not a number.
