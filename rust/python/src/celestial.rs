@@ -4,9 +4,11 @@ use crate::convert::{Array, as_rows, flat, matrices, matrix6, rows, table};
 use crate::errors::{input, raise};
 use crate::listener::Listener;
 use crate::orbit::force;
+use crate::stream::Update;
 use celestcore_core::Error;
 use celestcore_core::celestial::{
-    AnyFilter, CelestialSensors, Horizon, Log, Options, Outliers, Results, Source, Use, run, smooth,
+    AnyFilter, CelestialSensors, Horizon, Log, Options, OrbitStream as Stream, Outliers, Results, Source, Use, run,
+    smooth,
 };
 use celestcore_core::filter::{Ekf, Iterated, SrUkf, Ukf, Unscented};
 use celestcore_core::horizon::{AngleNoise, AngleSeries, Epochs, Shape};
@@ -181,6 +183,56 @@ fn columns(py: Python<'_>, results: Results) -> PyResult<Bound<'_, PyDict>> {
     Ok(out)
 }
 
+/// An orbit that is estimated epoch by epoch; the Python package's `CelestialState` adds checks.
+#[pyclass(subclass, module = "celestcore._core")]
+#[derive(Clone)]
+struct OrbitStream {
+    stream: Stream,
+    horizon: Option<(AngleNoise, Use)>,
+    outliers: Outliers,
+}
+
+#[pymethods]
+impl OrbitStream {
+    #[new]
+    fn new(py: Python<'_>, setup: Setup<'_>, t: f64, state: [f64; 6], covariance: Array<'_>) -> PyResult<Self> {
+        let p = matrix6(&covariance, "covariance0")?;
+        let stream = Stream::new(setup.filter(py)?, setup.dynamics(py)?, t, state, p).map_err(|e| raise(py, e))?;
+        Ok(Self { stream, horizon: setup.horizon(py)?, outliers: setup.outliers() })
+    }
+    #[getter]
+    fn t(&self) -> f64 {
+        self.stream.time()
+    }
+    #[getter]
+    fn state<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.stream.mean())
+    }
+    #[getter]
+    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        table(py, as_rows(self.stream.covariance()))
+    }
+    fn predict(&mut self, py: Python<'_>, t: f64) -> PyResult<()> {
+        self.stream.predict(t).map_err(|e| raise(py, e))
+    }
+    fn update_horizon(&mut self, py: Python<'_>, star: Array<'_>, angle: Array<'_>) -> PyResult<Update> {
+        let Some((noise, how)) = self.horizon else {
+            return Err(input(py, "the navigator has no StarHorizon to tell the noise of these angles"));
+        };
+        let (star, angle) = (rows(&star, "star")?, flat(&angle, "angle")?);
+        let t = vec![self.stream.time(); angle.len()];
+        let epochs = Epochs::new(&AngleSeries { t: &t, star, angle }).map_err(|e| raise(py, e))?;
+        let sources = [Source::Horizon(Horizon { epochs: &epochs, noise, how })];
+        let sensors = CelestialSensors::new(&sources, self.outliers).map_err(|e| raise(py, e))?;
+        let report = self.stream.update(&sensors).map_err(|e| raise(py, e))?;
+        Ok(Update { report })
+    }
+    fn copy(&self) -> Self {
+        self.clone()
+    }
+}
+
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add_class::<OrbitStream>()?;
     m.add_function(wrap_pyfunction!(celestial_run, m)?)
 }

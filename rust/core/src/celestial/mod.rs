@@ -3,7 +3,9 @@
 mod results;
 mod run;
 mod sensors;
+mod stream;
 
 pub use results::Results;
 pub use run::{AnyFilter, Log, Options, run, smooth};
 pub use sensors::{CelestialSensors, Horizon, Outliers, Source, Use};
+pub use stream::OrbitStream;

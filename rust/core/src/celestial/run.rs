@@ -8,7 +8,7 @@ use crate::manifold::{Euclidean, Family};
 use crate::model::Dynamics;
 use crate::orbit::{Nothing, OrbitModel};
 use crate::replay::{Drive, End, Output, Recorder, Replay, Start, smooth as back};
-use crate::scalar::{Level, Real, Run};
+use crate::scalar::{Baseline, Level, Real, Run, Runner};
 
 /// The filters, chosen at run time, once per run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,15 +97,16 @@ struct Call<'a> {
 impl Call<'_> {
     /// The one place where filters and the orbit meet.
     fn dispatch(self, filter: &AnyFilter) -> Result<End<Euclidean<6>, 6>> {
+        let level = self.options.level;
         match filter {
-            AnyFilter::Ekf(f) => self.with(f),
-            AnyFilter::Ukf(f) => self.with(f),
-            AnyFilter::SrUkf(f) => self.with(f),
-            AnyFilter::Iterated(f) => self.with(f),
+            AnyFilter::Ekf(f) => self.with(level, f),
+            AnyFilter::Ukf(f) => self.with(level, f),
+            AnyFilter::SrUkf(f) => self.with(level, f),
+            AnyFilter::Iterated(f) => self.with(Baseline, f),
         }
     }
 
-    fn with<F: Filter>(self, filter: &F) -> Result<End<Euclidean<6>, 6>> {
+    fn with<F: Filter>(self, runner: impl Runner, filter: &F) -> Result<End<Euclidean<6>, 6>> {
         self.results.clear();
         let Log { dynamics, times, sensors } = self.log;
         let output = Output::Every(self.options.every.max(1));
@@ -113,7 +114,7 @@ impl Call<'_> {
         let recorder = self.back.then(|| Recorder::new(times.len() + sensors.count(), times.len()));
         let pass = Pass { results: self.results, sensors, recorder };
         let replay = Replay { filter, dynamics, drive: &Times(times), sensors, output };
-        let end = self.options.level.run(Job { replay, start: self.start, pass, poll: self.poll })?;
+        let end = runner.run(Job { replay, start: self.start, pass, poll: self.poll })?;
         Ok(end)
     }
 }
