@@ -3,6 +3,7 @@
 
 mod camera;
 mod campaign;
+mod celestial;
 mod columns;
 mod convert;
 mod errors;
@@ -41,5 +42,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     simulate::register(m)?;
     campaign::register(m)?;
     orbit::register(m)?;
+    celestial::register(m)?;
     stream::register(m)
 }
