@@ -19,6 +19,8 @@ pub mod channel {
     pub const BIAS: u8 = 3;
     /// Error that an estimator starts with.
     pub const START: u8 = 4;
+    /// Samples of a particle filter.
+    pub const PARTICLES: u8 = 5;
     /// First star camera; the next ones follow.
     pub const STAR: u8 = 16;
     /// Centroids of the first physical star camera; those of the next ones follow.
