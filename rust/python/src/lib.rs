@@ -3,6 +3,7 @@
 
 mod camera;
 mod campaign;
+mod celestial_campaign;
 mod columns;
 mod convert;
 mod errors;
@@ -40,6 +41,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     wahba::register(m)?;
     simulate::register(m)?;
     campaign::register(m)?;
+    celestial_campaign::register(m)?;
     orbit::register(m)?;
     stream::register(m)
 }
