@@ -1,0 +1,9 @@
+//! Where a satellite of the Earth is, from what it sees of stars and the Earth.
+
+mod results;
+mod run;
+mod sensors;
+
+pub use results::Results;
+pub use run::{AnyFilter, Log, Options, run, smooth};
+pub use sensors::{CelestialSensors, Horizon, Outliers, Source, Use};
