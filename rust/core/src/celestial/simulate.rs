@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::horizon::{AngleNoise, Shape};
 use crate::quaternion::{cross, dot3, tangents, unit_vector};
 use crate::simulate::rng::{Stream, channel};
+use std::f64::consts::{PI, TAU};
 
 /// A direction or position.
 type Vec3 = [f64; 3];
@@ -15,6 +16,21 @@ pub struct Blunders {
     pub probability: f64,
     /// By how many standard deviations of an angle, to either side.
     pub sigmas: f64,
+}
+
+impl Blunders {
+    fn check(&self) -> Result<()> {
+        let Self { probability, sigmas } = *self;
+        if !(0.0..=1.0).contains(&probability) {
+            let need = "must be a probability, from 0 to 1";
+            return Err(Error::Parameter { field: "outliers", value: probability, need });
+        }
+        if !(sigmas.is_finite() && sigmas >= 0.0) {
+            let need = "the size must be finite and not negative";
+            return Err(Error::Parameter { field: "outliers", value: sigmas, need });
+        }
+        Ok(())
+    }
 }
 
 /// Which stars are seen when, and how well the angles between them and the nadir are measured.
@@ -29,7 +45,7 @@ pub struct AngleScene {
     /// Their true angles, rad.
     angle: Vec<f64>,
     noise: AngleNoise,
-    outliers: Option<Blunders>,
+    blunders: Option<Blunders>,
 }
 
 impl AngleScene {
@@ -37,32 +53,23 @@ impl AngleScene {
     /// stars where they appear, one epoch after the other.
     ///
     /// # Errors
-    /// `Length`; `Parameter` for outliers out of range.
+    /// `Length`; `Parameter` for blunders out of range.
     pub fn new(
         r: &[Vec3],
         (counts, star): (&[usize], &[Vec3]),
         noise: AngleNoise,
-        outliers: Option<Blunders>,
+        blunders: Option<Blunders>,
     ) -> Result<Self> {
         let same = |field, found, expected| {
             if found == expected { Ok(()) } else { Err(Error::Length { field, expected, found }) }
         };
         same("stars.counts", counts.len(), r.len())?;
         same("stars.star", star.len(), counts.iter().sum())?;
-        if let Some(Blunders { probability, sigmas }) = outliers {
-            if !(0.0..=1.0).contains(&probability) {
-                let need = "must be a probability, from 0 to 1";
-                return Err(Error::Parameter { field: "outliers", value: probability, need });
-            }
-            if !(sigmas.is_finite() && sigmas >= 0.0) {
-                let need = "the size must be finite and not negative";
-                return Err(Error::Parameter { field: "outliers", value: sigmas, need });
-            }
-        }
+        blunders.as_ref().map_or(Ok(()), Blunders::check)?;
         let nadir: Vec<Vec3> = r.iter().map(|r| unit_vector(r).map(|x| -x)).collect();
         let mut angle = Vec::with_capacity(star.len());
         measured_from(&nadir, (counts, star), &mut angle);
-        Ok(Self { nadir, counts: counts.to_vec(), star: star.to_vec(), angle, noise, outliers })
+        Ok(Self { nadir, counts: counts.to_vec(), star: star.to_vec(), angle, noise, blunders })
     }
 
     /// How many angles there are.
@@ -84,8 +91,8 @@ impl AngleScene {
     /// trial. Each source of errors draws from a channel of its own.
     ///
     /// The horizon sensor's error turns the true nadir, by normal angles about two axes across it, and the
-    /// angles of the epoch are measured from there, exactly. Own errors and outliers are added, so that
-    /// an angle near the zenith may exceed π by its error.
+    /// angles of the epoch are measured from there, exactly. Own errors and blunders are added; what goes
+    /// beyond 0 or π is folded back.
     pub fn simulate(&self, seed: u64, trial: u64, out: &mut Vec<f64>) {
         out.clear();
         if self.noise.shared > 0.0 {
@@ -103,17 +110,24 @@ impl AngleScene {
             Shape::StudentT { dof } => out.iter_mut().for_each(|a| *a += scale * student_t(&mut stream, dof)),
             Shape::Uniform { .. } => out.iter_mut().for_each(|a| *a += scale * symmetric(&mut stream)),
         }
-        if let Some(Blunders { probability, sigmas }) = self.outliers {
+        if let Some(blunders) = &self.blunders {
             let mut stream = Stream::new(seed, trial, channel::OUTLIERS);
-            let size = sigmas * self.noise.variance().sqrt();
-            for a in out {
+            let size = blunders.sigmas * self.noise.variance().sqrt();
+            for a in out.iter_mut() {
                 let (which, side) = (stream.uniform(), symmetric(&mut stream));
-                if which < probability {
+                if which < blunders.probability {
                     *a += size.copysign(side);
                 }
             }
         }
+        out.iter_mut().for_each(|a| *a = folded(*a));
     }
+}
+
+/// The angle between directions that a sum of angles stands for, from 0 to π.
+fn folded(a: f64) -> f64 {
+    let inside = (0.0..=PI).contains(&a);
+    if inside { a } else { PI - (a.rem_euclid(TAU) - PI).abs() }
 }
 
 /// Angles between the stars of each epoch and a direction of its own, added to `out`.
