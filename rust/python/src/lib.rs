@@ -4,6 +4,7 @@
 mod camera;
 mod campaign;
 mod celestial;
+mod celestial_campaign;
 mod columns;
 mod convert;
 mod errors;
@@ -41,6 +42,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     wahba::register(m)?;
     simulate::register(m)?;
     campaign::register(m)?;
+    celestial_campaign::register(m)?;
     orbit::register(m)?;
     celestial::register(m)?;
     stream::register(m)
