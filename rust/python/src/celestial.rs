@@ -207,7 +207,6 @@ fn columns(py: Python<'_>, results: Results) -> PyResult<Bound<'_, PyDict>> {
 
 /// An orbit that is estimated epoch by epoch; the Python package's `CelestialState` adds checks.
 #[pyclass(subclass, module = "celestcore._core")]
-#[derive(Clone)]
 struct OrbitStream {
     stream: Stream,
     horizon: Option<(AngleNoise, Use)>,
@@ -255,9 +254,6 @@ impl OrbitStream {
         let t = vec![self.stream.time(); angle.len()];
         let table = Refraction { t: &t, star, angle, model, sigma: *sigma, density_sigma: *density_sigma };
         update(py, &mut self.stream, Source::Refraction(table), self.outliers)
-    }
-    fn copy(&self) -> Self {
-        self.clone()
     }
 }
 

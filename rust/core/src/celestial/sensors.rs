@@ -2,7 +2,7 @@
 
 use crate::belief::Belief;
 use crate::consistency::chi2_quantile;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::filter::Filter;
 use crate::horizon::{
     AngleNoise, Epochs, Expected, NadirPlane, RefractionAngle, RefractionGiven, Robust, StarAngle, StarGiven,
@@ -103,7 +103,7 @@ pub enum Outliers {
 
 impl<'a> CelestialSensors<'a> {
     /// # Errors
-    /// `Parameter` for a probability out of range.
+    /// `Parameter` for a probability out of range, `Length` for columns of different lengths.
     pub fn new(sources: &[Source<'a>], outliers: Outliers) -> Result<Self> {
         let mut order = Vec::new();
         for (sensor, source) in sources.iter().enumerate() {
@@ -118,6 +118,14 @@ impl<'a> CelestialSensors<'a> {
                     }
                 }
                 Source::Refraction(table) => {
+                    let expected = table.t.len();
+                    for (field, found) in
+                        [("refraction.star", table.star.len()), ("refraction.angle", table.angle.len())]
+                    {
+                        if found != expected {
+                            return Err(Error::Length { field, expected, found });
+                        }
+                    }
                     let item = |(place, t): (usize, &f64)| Item { t: *t, sensor, place };
                     order.extend(table.t.iter().enumerate().map(item));
                 }
