@@ -120,6 +120,34 @@ def monte_carlo(
     portable: bool,
     progress: Callable[[int, int], object] | None,
 ) -> list[dict[str, Any]]: ...
+def celestial_run(
+    setup: Mapping[str, Any],
+    times: _Array,
+    horizon: tuple[_Array, _Array, _Array] | None,
+    start: tuple[float, Sequence[float], _Array],
+    every: int,
+    covariance: bool,
+    back: bool,
+    portable: bool,
+    progress: Callable[[int, int], object] | None,
+) -> dict[str, Any]: ...
+def sky_visible(
+    field: Mapping[str, Any], stars: _Array, r: _Array, v: _Array
+) -> tuple[Any, Any]: ...
+def celestial_simulate(
+    flight: Mapping[str, Any], seed: int, trial: int
+) -> tuple[_Array, list[float]]: ...
+def celestial_monte_carlo(
+    flight: Mapping[str, Any],
+    estimators: Sequence[Mapping[str, Any]],
+    seed: int,
+    first: int,
+    count: int,
+    skip: float,
+    threads: int,
+    portable: bool,
+    progress: Callable[[int, int], object] | None,
+) -> list[dict[str, Any]]: ...
 
 @final
 class Update:

@@ -218,12 +218,7 @@ impl Lengths {
 }
 
 /// Of the rows from `skip` after the first time on.
-fn score(
-    flight: &Flight<'_>,
-    out: &Results,
-    (skip, seconds): (f64, f64),
-    end: &End<Euclidean<6>, 6>,
-) -> Result<Score> {
+fn score(flight: &Flight<'_>, out: &Results, (skip, seconds): (f64, f64), end: &End<Euclidean<6>, 6>) -> Result<Score> {
     let from = flight.t[0] + skip;
     let (mut position, mut velocity) = (Lengths::default(), Lengths::default());
     let mut nees = 0.0;
