@@ -132,6 +132,23 @@ def celestial_run(
     portable: bool,
     progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]: ...
+def sky_visible(
+    field: Mapping[str, Any], stars: _Array, r: _Array, v: _Array
+) -> tuple[Any, Any]: ...
+def celestial_simulate(
+    flight: Mapping[str, Any], seed: int, trial: int
+) -> tuple[_Array, list[float]]: ...
+def celestial_monte_carlo(
+    flight: Mapping[str, Any],
+    estimators: Sequence[Mapping[str, Any]],
+    seed: int,
+    first: int,
+    count: int,
+    skip: float,
+    threads: int,
+    portable: bool,
+    progress: Callable[[int, int], object] | None,
+) -> list[dict[str, Any]]: ...
 
 @final
 class Update:
