@@ -120,6 +120,44 @@ def monte_carlo(
     portable: bool,
     progress: Callable[[int, int], object] | None,
 ) -> list[dict[str, Any]]: ...
+def celestial_run(
+    setup: Mapping[str, Any],
+    times: _Array,
+    horizon: tuple[_Array, _Array, _Array] | None,
+    start: tuple[float, Sequence[float], _Array],
+    every: int,
+    covariance: bool,
+    back: bool,
+    portable: bool,
+    progress: Callable[[int, int], object] | None,
+) -> dict[str, Any]: ...
+
+@final
+class RefractionTable:
+    def __new__(cls, air: tuple[_Array, _Array] | None) -> Self: ...
+    def density(self, height: _Array) -> _Array: ...
+    def bending(self, height: _Array) -> _Array: ...
+    def height(self, angle: _Array) -> _Array: ...
+    def rays(
+        self, r: _Array, star: _Array, pole: Sequence[float] | None, scale: float
+    ) -> list[_Array]: ...
+    def sights(
+        self,
+        states: _Array,
+        stars: _Array,
+        pole: Sequence[float] | None,
+        band: Sequence[float],
+        fields: Sequence[Sequence[float]],
+    ) -> dict[str, Any]: ...
+    def simulate(
+        self,
+        r: _Array,
+        star: _Array,
+        place: Sequence[Sequence[int]],
+        pole: Sequence[float] | None,
+        noise: Sequence[float],
+        random: tuple[int, int],
+    ) -> _Array: ...
 
 @final
 class Update:

@@ -9,6 +9,7 @@
 
 pub mod attitude;
 pub mod belief;
+pub mod celestial;
 pub mod consistency;
 pub mod error;
 pub mod filter;

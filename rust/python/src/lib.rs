@@ -3,12 +3,14 @@
 
 mod camera;
 mod campaign;
+mod celestial;
 mod columns;
 mod convert;
 mod errors;
 mod listener;
 mod orbit;
 mod quaternions;
+mod refraction;
 mod replay;
 mod simulate;
 mod stream;
@@ -35,11 +37,13 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(chi2_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(chi2_cdf, m)?)?;
     quaternions::register(m)?;
+    refraction::register(m)?;
     replay::register(m)?;
     camera::register(m)?;
     wahba::register(m)?;
     simulate::register(m)?;
     campaign::register(m)?;
     orbit::register(m)?;
+    celestial::register(m)?;
     stream::register(m)
 }

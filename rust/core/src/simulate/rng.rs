@@ -19,6 +19,10 @@ pub mod channel {
     pub const BIAS: u8 = 3;
     /// Error that an estimator starts with.
     pub const START: u8 = 4;
+    /// Own errors of refraction angles.
+    pub const REFRACTION: u8 = 9;
+    /// Density of the air that starlight passes.
+    pub const DENSITY: u8 = 10;
     /// First star camera; the next ones follow.
     pub const STAR: u8 = 16;
     /// Centroids of the first physical star camera; those of the next ones follow.
