@@ -13,11 +13,14 @@ Examples
 
 from __future__ import annotations
 
+from celestcore.celestial.camera import SkyCamera, StarsInView
 from celestcore.celestial.log import AngleTable, CelestialLog
 from celestcore.celestial.measurements import StarHorizon
+from celestcore.celestial.montecarlo import MonteCarlo, Pooled, Scores, monte_carlo
 from celestcore.celestial.navigator import CelestialNavigator
 from celestcore.celestial.refracted import RefractedStars, refracted_stars
 from celestcore.celestial.refraction import Atmosphere, Rays, StarRefraction
+from celestcore.celestial.scenario import Scenario
 from celestcore.celestial.solution import OrbitSolution
 
 __all__ = [
@@ -25,10 +28,17 @@ __all__ = [
     "Atmosphere",
     "CelestialLog",
     "CelestialNavigator",
+    "MonteCarlo",
     "OrbitSolution",
+    "Pooled",
     "Rays",
     "RefractedStars",
+    "Scenario",
+    "Scores",
+    "SkyCamera",
     "StarHorizon",
     "StarRefraction",
+    "StarsInView",
+    "monte_carlo",
     "refracted_stars",
 ]

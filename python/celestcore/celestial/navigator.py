@@ -11,11 +11,14 @@ from numpy.typing import ArrayLike
 from celestcore import _core
 from celestcore._arguments import LARGEST, checked, count, positive
 from celestcore._check import FloatArray, array, number, times, warn
+from celestcore._epoch import epoch_string
 from celestcore.celestial.log import CelestialLog
 from celestcore.celestial.measurements import StarHorizon
+from celestcore.celestial.refraction import StarRefraction
 from celestcore.celestial.solution import OrbitSolution
+from celestcore.celestial.stream import CelestialState
 from celestcore.errors import InputError
-from celestcore.filters import EKF, UKF, IteratedEKF
+from celestcore.filters import EKF, UKF, IteratedEKF, ScoreEKF
 from celestcore.orbit.dynamics import OrbitDynamics
 from celestcore.orbit.propagate import environment_of, position, velocity
 
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CelestialNavigator"]
 
-OrbitFilter: TypeAlias = EKF | UKF | IteratedEKF
+OrbitFilter: TypeAlias = EKF | UKF | IteratedEKF | ScoreEKF
 Sigma0: TypeAlias = "tuple[ArrayLike, ArrayLike]"
 START_SIGMA = (1e3, 1.0)
 """1-sigma of a start's position [m] and velocity [m/s] if none is given."""
@@ -39,11 +42,11 @@ class CelestialNavigator:
 
     Parameters
     ----------
-    filter : EKF, UKF, SRUKF or IteratedEKF
+    filter : EKF, UKF, SRUKF, IteratedEKF or ScoreEKF
         The filter.
     dynamics : OrbitDynamics
         Forces and their uncertainty.
-    measurements : StarHorizon, or a sequence of measurements
+    measurements : StarHorizon, StarRefraction, or a sequence of both
         Noise of the angles, as the filter knows it.
     gate : float, optional
         Probability with which a good angle passes the chi-square gate, for example 0.9999. Each
@@ -75,16 +78,18 @@ class CelestialNavigator:
         self,
         filter: OrbitFilter,  # noqa: A002 - the field's word
         dynamics: OrbitDynamics,
-        measurements: StarHorizon | Sequence[Any],
+        measurements: StarHorizon | StarRefraction | Sequence[Any],
         *,
         gate: float | None = None,
         huber: float | None = None,
         combine: bool = True,
     ) -> None:
-        self.filter: OrbitFilter = checked(filter, "filter", EKF, UKF, IteratedEKF)
+        self.filter: OrbitFilter = checked(filter, "filter", EKF, UKF, IteratedEKF, ScoreEKF)
         self.dynamics: OrbitDynamics = checked(dynamics, "dynamics", OrbitDynamics)
         given = measurements if isinstance(measurements, Sequence) else [measurements]
-        self.measurements = tuple(checked(m, "measurements", StarHorizon) for m in given)
+        self.measurements = tuple(
+            checked(m, "measurements", StarHorizon, StarRefraction) for m in given
+        )
         if not self.measurements:
             raise InputError("needs at least one, such as StarHorizon()", field="measurements")
         self.gate = None if gate is None else number(gate, "gate", above=0.0)
@@ -95,7 +100,12 @@ class CelestialNavigator:
             )
         if self.gate is not None and self.huber is not None:
             raise InputError("give gate or huber, not both", field="huber", value=huber)
-        self.combine = bool(combine)
+        self.combine = bool(combine) and not isinstance(filter, ScoreEKF)
+        self._check_outliers()
+
+    def _check_outliers(self) -> None:
+        if self.huber is not None and not self.combine:
+            raise InputError("weighs the angles that are combined", field="huber", value=self.huber)
 
     def __repr__(self) -> str:
         return (
@@ -261,24 +271,83 @@ class CelestialNavigator:
 
         return monte_carlo(scenario, self, trials, **options)
 
+    def start(
+        self,
+        t: float,
+        r: ArrayLike,
+        v: ArrayLike,
+        sigma0: Sigma0 | None = None,
+        covariance0: ArrayLike | None = None,
+        *,
+        epoch: Any = None,
+        until: float = 86400.0,
+    ) -> CelestialState:
+        """Start a filter that is fed epoch by epoch.
+
+        Parameters
+        ----------
+        t : float
+            Time of the start [s since `epoch`].
+        r, v : array_like (3,)
+            Position [m] and velocity [m/s] then, GCRS.
+        sigma0 : (position, velocity), optional
+            1-sigma of the start [m], [m/s]; 1 km and 1 m/s.
+        covariance0 : array_like (6, 6), optional
+            Full covariance of the start instead.
+        epoch : str, astropy Time or None
+            Where times count from; needed where a force depends on it.
+        until : float
+            How far beyond the start the tables of such forces reach [s].
+
+        Returns
+        -------
+        CelestialState
+
+        Raises
+        ------
+        InputError
+            Names the field and the value; also a filter that replays whole logs only.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> dynamics = cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), accel_psd=4e-7)
+        >>> nav = cc.CelestialNavigator(cc.UKF(), dynamics, cc.StarHorizon())
+        >>> nav.start(0.0, [7e6, 0, 0], [0, 0, 7.5e3], sigma0=(1e3, 1.0)).sigma
+        array([1000., 1000., 1000.,    1.,    1.,    1.])
+        """
+        begin = number(t, "t")
+        span = np.array([begin, begin + number(until, "until", above=0.0)])
+        tables = environment_of(self.dynamics.force, epoch_string(epoch), span, None)
+        start = [*position(r), *velocity(v)]
+        return CelestialState(self, begin, start, covariance_of(sigma0, covariance0), tables, epoch)
+
     @property
     def horizon(self) -> StarHorizon | None:
         """The measurement of angles to the nadir, if there is one."""
         return next((m for m in self.measurements if isinstance(m, StarHorizon)), None)
 
-    def _described(self, tables: dict[str, Any] | None) -> dict[str, Any]:
+    @property
+    def refraction(self) -> StarRefraction | None:
+        """The measurement of starlight refraction, if there is one."""
+        return next((m for m in self.measurements if isinstance(m, StarRefraction)), None)
+
+    def _described(
+        self, tables: dict[str, Any] | None, epoch: Any = None, t: float = 0.0
+    ) -> dict[str, Any]:
         """Return filter, dynamics and sensors for the core."""
         outliers = ("keep", 0.0)
         if self.gate is not None:
             outliers = ("gate", self.gate)
         elif self.huber is not None:
             outliers = ("huber", self.huber)
-        horizon = self.horizon
+        horizon, refraction = self.horizon, self.refraction
         return {
             **self.filter._setup(),
             **self.dynamics._described(tables),
             "outliers": outliers,
             "horizon": None if horizon is None else horizon._described(self.combine),
+            "refraction": None if refraction is None else refraction._described(epoch, t),
         }
 
     def _replay(
@@ -288,7 +357,7 @@ class CelestialNavigator:
         progress = given["progress"]
         if progress is not None and not callable(progress):
             raise InputError("must be callable as progress(done, total)", field="progress")
-        used = {"horizon": self.horizon}
+        used = {"horizon": self.horizon, "refraction": self.refraction}
         tables = {name: table for name, table in log.tables.items() if used.get(name) is not None}
         if not tables:
             raise InputError(
@@ -301,9 +370,10 @@ class CelestialNavigator:
         p0 = covariance_of(given["sigma0"], given["covariance0"])
         columns = {name: (table.t, table.star, table.angle) for name, table in tables.items()}
         out = _core.celestial_run(
-            self._described(environment),
+            self._described(environment, log.epoch, float(stops[len(stops) // 2])),
             stops,
             columns.get("horizon"),
+            columns.get("refraction"),
             (float(stops[0]), start, p0),
             count(given["every"], "every"),
             bool(given["covariance"]),

@@ -17,6 +17,7 @@ pub mod horizon;
 pub mod linalg;
 pub mod manifold;
 pub mod model;
+pub mod moments;
 pub mod orbit;
 pub mod particles;
 pub mod quaternion;

@@ -4,6 +4,7 @@
 mod camera;
 mod campaign;
 mod celestial;
+mod celestial_campaign;
 mod columns;
 mod convert;
 mod errors;
@@ -45,5 +46,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     campaign::register(m)?;
     orbit::register(m)?;
     celestial::register(m)?;
+    celestial_campaign::register(m)?;
     stream::register(m)
 }

@@ -8,12 +8,16 @@ use celestcore_core::horizon::{
 };
 use numpy::PyArray1;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 use std::sync::Arc;
 
 /// How an atmosphere bends rays; the Python package's `Atmosphere` adds checks.
 #[pyclass(frozen, module = "celestcore._core")]
-pub(crate) struct RefractionTable(pub(crate) Arc<Bending>);
+pub(crate) struct RefractionTable {
+    pub(crate) bending: Arc<Bending>,
+    /// What it was made of.
+    air: Option<(Vec<f64>, Vec<f64>)>,
+}
 
 /// The surface that heights count from: a sphere, or WGS 84 with its pole in the inertial frame.
 pub(crate) fn earth(pole: Option<[f64; 3]>) -> Ellipsoid {
@@ -25,23 +29,34 @@ impl RefractionTable {
     /// The standard atmosphere, or one of densities at heights.
     #[new]
     fn new(py: Python<'_>, air: Option<(Array<'_>, Array<'_>)>) -> PyResult<Self> {
-        let Some((height, density)) = air else { return Ok(Self(py.detach(Bending::standard))) };
+        let Some((height, density)) = air else {
+            return Ok(Self { bending: py.detach(Bending::standard), air: None });
+        };
         let (height, density) = (flat(&height, "height")?, flat(&density, "density")?);
         let made = py.detach(|| Atmosphere::table(height, density).map(Bending::new));
-        made.map(|bending| Self(Arc::new(bending))).map_err(|e| raise(py, e))
+        let air = Some((height.to_vec(), density.to_vec()));
+        made.map(|bending| Self { bending: Arc::new(bending), air }).map_err(|e| raise(py, e))
+    }
+
+    /// For processes of a pool: traced anew there.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let py = slf.py();
+        let column = |x: &[f64]| PyArray1::from_slice(py, x);
+        let air = slf.get().air.as_ref().map(|(height, density)| (column(height), column(density)));
+        Ok((slf.get_type().into_any(), (air,).into_pyobject(py)?))
     }
 
     fn density<'py>(&self, py: Python<'py>, height: Array<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let air = self.0.atmosphere();
+        let air = self.bending.atmosphere();
         Ok(PyArray1::from_iter(py, flat(&height, "height")?.iter().map(|h| air.density(*h))))
     }
 
     fn bending<'py>(&self, py: Python<'py>, height: Array<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(PyArray1::from_iter(py, flat(&height, "height")?.iter().map(|h| self.0.at(*h).angle[0])))
+        Ok(PyArray1::from_iter(py, flat(&height, "height")?.iter().map(|h| self.bending.at(*h).angle[0])))
     }
 
     fn height<'py>(&self, py: Python<'py>, angle: Array<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(PyArray1::from_iter(py, flat(&angle, "angle")?.iter().map(|a| self.0.height(*a))))
+        Ok(PyArray1::from_iter(py, flat(&angle, "angle")?.iter().map(|a| self.bending.height(*a))))
     }
 
     /// Angle, height, derivatives to position and ln(density) of rays from stars (m, 3) to positions (m, 3).
@@ -54,7 +69,7 @@ impl RefractionTable {
         scale: f64,
     ) -> PyResult<[Bound<'py, PyAny>; 4]> {
         let (r, star) = (rows::<3>(&r, "r")?, rows::<3>(&star, "star")?);
-        let sensor = RefractionAngle { bending: self.0.clone(), earth: earth(pole) };
+        let sensor = RefractionAngle { bending: self.bending.clone(), earth: earth(pole) };
         let rays: Vec<Ray<f64>> = r.iter().zip(star).map(|(r, s)| sensor.ray(r, s, scale)).collect();
         let column = |f: fn(&Ray<f64>) -> f64| PyArray1::from_iter(py, rays.iter().map(f)).into_any();
         let by_position = table(py, rays.iter().map(|ray| ray.by_position).collect())?;
@@ -73,7 +88,7 @@ impl RefractionTable {
         fields: Vec<[f64; 3]>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (states, stars) = (rows::<6>(&states, "states")?, rows::<3>(&stars, "stars")?);
-        let sensor = RefractionAngle { bending: self.0.clone(), earth: earth(pole) };
+        let sensor = RefractionAngle { bending: self.bending.clone(), earth: earth(pole) };
         let fields: Vec<LimbField> =
             fields.iter().map(|[azimuth, a, b]| LimbField { azimuth: *azimuth, tangents: [*a, *b] }).collect();
         let limb = Limb { sensor: &sensor, band, fields: &fields };
@@ -110,7 +125,7 @@ impl RefractionTable {
         if r.len() != star.len() || r.len() != place.len() {
             return Err(input(py, "positions, stars and places do not go together"));
         }
-        let sensor = RefractionAngle { bending: self.0.clone(), earth: earth(pole) };
+        let sensor = RefractionAngle { bending: self.bending.clone(), earth: earth(pole) };
         let each = r.iter().zip(star).zip(place);
         let sights: Vec<Passed> = each.map(|((r, star), place)| Passed { r: *r, star: *star, place }).collect();
         let [sigma, density, bias] = noise;

@@ -23,6 +23,12 @@ pub mod channel {
     pub const REFRACTION: u8 = 9;
     /// Density of the air that starlight passes.
     pub const DENSITY: u8 = 10;
+    /// Each star angle's own error.
+    pub const ANGLES: u8 = 6;
+    /// Error of the horizon sensor's nadir direction.
+    pub const NADIR: u8 = 7;
+    /// Which star angles are outliers.
+    pub const OUTLIERS: u8 = 8;
     /// First star camera; the next ones follow.
     pub const STAR: u8 = 16;
     /// Centroids of the first physical star camera; those of the next ones follow.
