@@ -28,7 +28,13 @@ NAVS = {
     "ekf": cc.CelestialNavigator(cc.EKF(), DYNAMICS, A),
     "ukf": cc.CelestialNavigator(cc.UKF(), DYNAMICS, A, gate=0.9, combine=False),
 }
-NUMBERS = ("mean_position", "max_position", "rms_position", "mean_velocity", "max_velocity")
+NUMBERS: tuple[str, ...] = (
+    "mean_position",
+    "max_position",
+    "rms_position",
+    "mean_velocity",
+    "max_velocity",
+)
 NUMBERS += ("rms_velocity", "nees", "nis", "accepted", "final_error", "trial")
 
 
