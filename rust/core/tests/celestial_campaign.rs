@@ -256,6 +256,6 @@ fn an_error_or_a_wish_to_stop_ends_the_trials() {
     assert_eq!(ended, Err(Error::Empty { field: "here" }));
     let stop = AtomicBool::new(false);
     let mut poll = |done| if done >= 10 { Err(Error::Interrupted) } else { Ok(()) };
-    let ended = over_threads(0..1_000_000_000, 2, &stop, (|| (), |(): &mut (), k| Ok(k)), &mut poll);
+    let ended = over_threads(0..1_000_000, 2, &stop, (|| (), |(): &mut (), k| Ok(k)), &mut poll);
     assert_eq!(ended, Err(Error::Interrupted));
 }
