@@ -290,3 +290,24 @@ def test_a_flight_through_the_night_is_quick(sky: cc.StarCatalogue) -> None:
         seen.measured(density_bias=2.0)
     with pytest.raises(cc.errors.InputError):
         seen.measured(trial=-1)
+
+
+def test_a_navigator_runs_on_refractions(sky: cc.StarCatalogue) -> None:
+    """Kilometres at the start become tens of metres, and innovations are what they should be."""
+    flight = orbit(600)
+    sensor = cc.StarRefraction()
+    seen = refracted_stars(flight, sky, sensor, fields=["fore", "aft", "right", "left"])
+    log = cc.CelestialLog(refraction=seen.measured(seed=4))
+    dynamics = cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), accel_psd=1e-9)
+    rng = np.random.default_rng(4)
+    r0 = flight.r[0] + 1e3 * rng.normal(size=3)
+    v0 = flight.v[0] + rng.normal(size=3)
+    for chosen in (cc.EKF(), cc.UKF()):
+        nav = cc.CelestialNavigator(chosen, dynamics, sensor)
+        sol = nav.run(log, r0, v0, t0=0.0, t_output=flight.t[1:])
+        off = np.linalg.norm(sol.r - flight.r, axis=1)[300:]
+        assert off.mean() < 100.0
+        assert np.nanmean(sol.nis) == pytest.approx(1.0, abs=4 * np.sqrt(2 / len(log.refraction)))
+        ball = cc.CelestialNavigator(chosen, dynamics, cc.StarRefraction(oblate=False))
+        wrong = ball.run(log, r0, v0, t0=0.0, t_output=flight.t[1:])
+        assert np.linalg.norm(wrong.r - flight.r, axis=1)[300:].mean() > 1e3
