@@ -167,7 +167,7 @@ impl RefractionAngle {
     }
 
     /// Newton's method for the height of the lowest point: one number a lane, since it looks things up.
-    #[inline]
+    #[inline(never)]
     fn solve(&self, [distance, along, radius, scale]: [f64; 4]) -> [f64; 5] {
         if !(along > 0.0 && scale > 0.0) {
             let none = distance + along + scale;
