@@ -43,9 +43,9 @@ pub(crate) struct Setup<'py> {
     iterations: usize,
     #[pyo3(item)]
     tolerance: f64,
-    /// How many, how resampled, below which effective part, moves, whether to recover.
+    /// How many, how resampled, below which effective part, moves, whether to recover, and by kernels.
     #[pyo3(item)]
-    particles: Option<(usize, String, f64, usize, bool)>,
+    particles: Option<(usize, String, f64, usize, bool, bool)>,
     /// Seed and trial of a particle filter.
     #[pyo3(item)]
     random: (u64, u64),
@@ -90,7 +90,7 @@ impl Setup<'_> {
     }
 
     fn cloud(&self, py: Python<'_>) -> PyResult<AnyFilter> {
-        let Some((particles, resampling, threshold, moves, recover)) = &self.particles else {
+        let Some((particles, resampling, threshold, moves, recover, kernel)) = &self.particles else {
             return Err(input(py, "a particle filter without particles"));
         };
         let resampling = match resampling.as_str() {
@@ -111,6 +111,7 @@ impl Setup<'_> {
             resampling,
             threshold: *threshold,
             moves: *moves,
+            kernel: *kernel,
             ukf: Ukf { weights },
             recover: *recover,
         };
