@@ -18,7 +18,8 @@ from celestcore.errors import InputError
 from celestcore.reproduce import _blocks, _model, _paper, star_gyro
 from celestcore.reproduce._page import page
 from celestcore.reproduce._pool import in_parallel
-from celestcore.reproduce._targets import Target, at_most, by_chance, tolerance
+from celestcore.reproduce._target import Target
+from celestcore.reproduce._targets import at_most, by_chance, tolerance
 from celestcore.reproduce._theory import theory
 from celestcore.units import ARCSEC
 
@@ -215,7 +216,7 @@ def test_few_runs_are_not_judged(result: star_gyro.Result) -> None:
     few = dataclasses.replace(result, runs=1, n_runs=10)
     judged = [t for t in few.targets() if t.met is not None]
     assert all("equal" in t.asked for t in judged)
-    assert "not judged" in page(few, drawn=NO_PICTURES)
+    assert "not judged" in page(few, pictures=NO_PICTURES)
     # block N is judged by its own number of runs
     only_n = dataclasses.replace(result, runs=1).targets()
     assert {t.block for t in only_n if t.met is not None and "equal" not in t.asked} == {"N"}

@@ -21,7 +21,8 @@ from celestcore.reproduce import _blocks, _model, _n_block, _paper
 from celestcore.reproduce._blocks import FITTED, TUNED, Scores
 from celestcore.reproduce._paper import EKF as PAPER_EKF
 from celestcore.reproduce._paper import UKF as PAPER_UKF
-from celestcore.reproduce._targets import N_RUNS, Target, targets
+from celestcore.reproduce._target import Target
+from celestcore.reproduce._targets import N_RUNS, targets
 from celestcore.reproduce._theory import Theory, theory
 from celestcore.solution import package_version
 
