@@ -23,10 +23,11 @@ Examples
 True
 """
 
-from celestcore import analysis, elements, frames, orbit, quaternion, simulate, wahba
+from celestcore import analysis, celestial, elements, frames, orbit, quaternion, simulate, wahba
 from celestcore._core import __version__
 from celestcore.calibration import Calibration
 from celestcore.camera import CameraModel, StarCatalogue
+from celestcore.celestial import CelestialLog, CelestialNavigator, OrbitSolution, StarHorizon
 from celestcore.config import Settings
 from celestcore.errors import (
     CelestcoreError,
@@ -54,6 +55,8 @@ __all__ = [
     "CameraModel",
     "CelestcoreError",
     "CelestcoreWarning",
+    "CelestialLog",
+    "CelestialNavigator",
     "Gyro",
     "InputError",
     "InvariantEKF",
@@ -63,6 +66,7 @@ __all__ = [
     "MissingDependencyError",
     "MonteCarlo",
     "NumericalError",
+    "OrbitSolution",
     "SensorLog",
     "Settings",
     "Solution",
@@ -70,10 +74,12 @@ __all__ = [
     "StarCatalogue",
     "StarGyroNavigator",
     "StarGyroState",
+    "StarHorizon",
     "StateAt",
     "VectorSensor",
     "__version__",
     "analysis",
+    "celestial",
     "elements",
     "frames",
     "monte_carlo",

@@ -6,16 +6,16 @@ import os
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias, TypeVar
 from uuid import uuid4
 
 import numpy as np
 
 from celestcore import _core
 from celestcore._arguments import Sigma0, count, each_checked, sigma_of
-from celestcore._check import FloatArray, warn
+from celestcore._check import FloatArray, number, warn
 from celestcore._replay import BIAS_SIGMA
-from celestcore._scores import Scores
+from celestcore._scores import S
 from celestcore.errors import InputError
 from celestcore.navigator import StarGyroNavigator
 from celestcore.simulate import Scenario, StarErrors
@@ -24,6 +24,16 @@ Navigators: TypeAlias = "StarGyroNavigator | Mapping[str, StarGyroNavigator]"
 Progress: TypeAlias = Callable[[int, int], object]
 Each: TypeAlias = "dict[str, tuple[str, bool]]"
 """By the name of a result: the navigator's name, and whether it is smoothed."""
+
+
+class Named(Protocol):
+    """A navigator, as far as its name goes."""
+
+    @property
+    def filter(self) -> Any: ...
+
+
+N = TypeVar("N", bound=Named)
 
 STARTS = ("first_fix", "drawn")
 SMOOTHED = "_smoothed"
@@ -111,10 +121,13 @@ class Job:
     portable: bool
     stop: Stop = field(default_factory=Stop)
 
+    engine: ClassVar[Callable[..., list[dict[str, Any]]]] = staticmethod(_core.monte_carlo)
+    """What runs it in the core."""
+
     def __call__(
         self, first: int, trials: int, progress: Progress | None = None
     ) -> list[dict[str, Any]]:
-        return _core.monte_carlo(
+        return self.engine(
             flight=self.flight,
             estimators=self.estimators,
             seed=self.seed,
@@ -128,9 +141,12 @@ class Job:
 
     def part(self, trials: int) -> int:
         """Return how many trials go into one task of an executor by default."""
-        cameras = sum(len(camera[0]) for camera in self.flight["cameras"])
-        steps = len(self.flight["t"]) * len(self.estimators) + cameras
+        steps = len(self.flight["t"]) * len(self.estimators) + self.readings()
         return max(1, min(-(-trials // CHUNKS), STEPS // steps))
+
+    def readings(self) -> int:
+        """Return how many readings a trial simulates beside those at each step."""
+        return sum(len(camera[0]) for camera in self.flight["cameras"])
 
 
 def run_part(job: Job, first: int, trials: int) -> list[dict[str, Any]]:
@@ -189,17 +205,41 @@ def spread(
     return out
 
 
-def named(navigators: Navigators) -> dict[str, StarGyroNavigator]:
+def run_all(
+    job: Job,
+    trials: tuple[int, int, int | None],
+    executor: Executor | None,
+    progress: Progress | None,
+) -> list[list[dict[str, Any]]]:
+    """Return the parts of a campaign in order; `trials` is the first, how many, and in a part."""
+    if progress is not None and not callable(progress):
+        raise InputError("must be callable as progress(done, total)", field="progress")
+    first, total, chunk = trials
+    size = job.part(total) if chunk is None else count(chunk, "chunk")
+    if executor is None:
+        return [job(first, total, progress)]
+    return spread(executor, job, (first, total, size), progress)
+
+
+def checked_skip(skip: float, t: FloatArray, both_ends: bool) -> float:
+    """Return the time that is left out of the scores, if it leaves something."""
+    left_out = number(skip, "skip", at_least=0.0)
+    if left_out * (2.0 if both_ends else 1.0) >= float(t[-1] - t[0]):
+        raise InputError("leaves nothing to score", field="skip", value=left_out)
+    return left_out
+
+
+def named(navigators: N | Mapping[str, N], kind: type[N]) -> dict[str, N]:
     """Return navigators by name; one alone goes by its filter's."""
-    given = each_checked(navigators, "navigators", StarGyroNavigator)
-    if isinstance(given, StarGyroNavigator):
+    given = each_checked(navigators, "navigators", kind)
+    if isinstance(given, kind):
         return {given.filter.kind: given}
     if not given:
         raise InputError("needs one navigator at least", field="navigators")
     return dict(given)
 
 
-def smoothed_of(navs: Mapping[str, StarGyroNavigator], smooth: bool | Collection[str]) -> Each:
+def smoothed_of(navs: Collection[str], smooth: bool | Collection[str]) -> Each:
     """Return what is estimated, in order."""
     wanted: list[str]
     if isinstance(smooth, bool):
@@ -289,7 +329,7 @@ def processors(threads: int | None, *, alone: bool) -> int:
     return os.cpu_count() or 1
 
 
-def warn_of_failures(scores: Mapping[str, Scores]) -> None:
+def warn_of_failures(scores: Mapping[str, S]) -> None:
     """Warn of trials in which a filter broke down."""
     for name, s in scores.items():
         if s.failures:

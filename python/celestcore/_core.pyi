@@ -120,6 +120,17 @@ def monte_carlo(
     portable: bool,
     progress: Callable[[int, int], object] | None,
 ) -> list[dict[str, Any]]: ...
+def celestial_run(
+    setup: Mapping[str, Any],
+    times: _Array,
+    horizon: tuple[_Array, _Array, _Array] | None,
+    start: tuple[float, Sequence[float], _Array],
+    every: int,
+    covariance: bool,
+    back: bool,
+    portable: bool,
+    progress: Callable[[int, int], object] | None,
+) -> dict[str, Any]: ...
 
 @final
 class Update:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,20 @@ if TYPE_CHECKING:
 
 _RMS = ("rms", "rms_all", "rms_before", "rms_bias")
 _MEANS = ("nees_attitude", "nees", "nis", "accepted", "seconds")
+COLUMNS = (*_RMS, *_MEANS, "final_error")
+
+
+class Scored(Protocol):
+    """What the scores of every kind of campaign have."""
+
+    @property
+    def nees(self) -> FloatArray: ...
+    @property
+    def failures(self) -> dict[int, str]: ...
+    def __len__(self) -> int: ...
+
+
+S = TypeVar("S", bound=Scored)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,19 +163,35 @@ class Scores:
         >>> pooled.rms.shape, pooled.trials, pooled.failed
         ((3,), 4, 0)
         """
-        good = np.isfinite(self.nees)
-        values: dict[str, Any] = {}
-        errors: dict[str, Any] = {}
-        for name in _RMS:
-            mean, error = _mean(getattr(self, name)[good] ** 2)
-            values[name] = np.sqrt(mean)
-            with np.errstate(all="ignore"):
-                errors[name] = np.where(mean > 0.0, error / (2.0 * values[name]), 0.0)
-        for name in _MEANS:
-            mean, error = _mean(getattr(self, name)[good])
-            values[name], errors[name] = float(mean), float(error)
-        n = len(self)
-        return Pooled(**values, error=errors, trials=n, failed=n - int(good.sum()))
+        values, errors = pool(self, _RMS, _MEANS)
+        failed = int(np.isnan(self.nees).sum())
+        return Pooled(**values, error=errors, trials=len(self), failed=failed)
+
+
+def pool(
+    scores: Scored, rms: Sequence[str], means: Sequence[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return columns over all trials that did not fail, and their standard errors, by name.
+
+    Those of `rms` are pooled as mean squares.
+    """
+    good = np.isfinite(scores.nees)
+    values: dict[str, Any] = {}
+    errors: dict[str, Any] = {}
+    for name in rms:
+        mean, error = _mean(getattr(scores, name)[good] ** 2)
+        root = np.sqrt(mean)
+        with np.errstate(all="ignore"):
+            spread = np.where(mean > 0.0, error / (2.0 * root), 0.0)
+        values[name], errors[name] = _plain(root), _plain(spread)
+    for name in means:
+        mean, error = _mean(getattr(scores, name)[good])
+        values[name], errors[name] = float(mean), float(error)
+    return values, errors
+
+
+def _plain(value: FloatArray) -> FloatArray | float:
+    return value if np.ndim(value) else float(value)
 
 
 def _mean(values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -174,7 +204,32 @@ def _mean(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(values.mean(axis=0)), np.asarray(error)
 
 
-class MonteCarlo(Mapping[str, Scores]):
+class Campaign(Mapping[str, S], Generic[S]):
+    """Scores by the name of the estimator."""
+
+    def __init__(
+        self, scores: Mapping[str, S], *, seed: int, first: int, trials: int, skip: float
+    ) -> None:
+        self._scores = dict(scores)
+        self.seed, self.first, self.trials, self.skip = seed, first, trials, skip
+
+    def __getitem__(self, name: str) -> S:
+        """Return one estimator's scores."""
+        return self._scores[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Run over the names of the estimators."""
+        return iter(self._scores)
+
+    def __len__(self) -> int:
+        """Return the number of estimators."""
+        return len(self._scores)
+
+    def __repr__(self) -> str:
+        return f"MonteCarlo({self.trials} trials of {', '.join(self)}, seed {self.seed})"
+
+
+class MonteCarlo(Campaign[Scores]):
     """What a campaign returns: `Scores` by the name of the estimator.
 
     A smoothed estimate stands under the name with ``"_smoothed"`` after it.
@@ -195,27 +250,6 @@ class MonteCarlo(Mapping[str, Scores]):
     >>> list(result), result["ekf"].rms.shape
     (['ekf'], (3, 3))
     """
-
-    def __init__(
-        self, scores: Mapping[str, Scores], *, seed: int, first: int, trials: int, skip: float
-    ) -> None:
-        self._scores = dict(scores)
-        self.seed, self.first, self.trials, self.skip = seed, first, trials, skip
-
-    def __getitem__(self, name: str) -> Scores:
-        """Return one estimator's scores."""
-        return self._scores[name]
-
-    def __iter__(self) -> Iterator[str]:
-        """Run over the names of the estimators."""
-        return iter(self._scores)
-
-    def __len__(self) -> int:
-        """Return the number of estimators."""
-        return len(self._scores)
-
-    def __repr__(self) -> str:
-        return f"MonteCarlo({self.trials} trials of {', '.join(self)}, seed {self.seed})"
 
     def pooled(self) -> dict[str, Pooled]:
         """Return each estimator's numbers over all trials; see `Scores.pooled`.
@@ -261,35 +295,38 @@ class MonteCarlo(Mapping[str, Scores]):
         >>> result.to_dataframe()["trial"].tolist()
         [0, 1, 2]
         """
-        pandas = require("pandas", extra="pandas", what="a data frame")
-        frame: pd.DataFrame = pandas.concat(
-            [pandas.DataFrame(_columns(name, scores)) for name, scores in self.items()],
-            ignore_index=True,
-        )
-        return frame
+        return frame_of(_columns(name, scores) for name, scores in self.items())
+
+
+def frame_of(tables: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
+    """Return tables one below the other."""
+    pandas = require("pandas", extra="pandas", what="a data frame")
+    frame: pd.DataFrame = pandas.concat([pandas.DataFrame(t) for t in tables], ignore_index=True)
+    return frame
 
 
 def _columns(name: str, scores: Scores) -> dict[str, Any]:
     out: dict[str, Any] = {"estimator": [name] * len(scores), "trial": scores.trial}
     for column in (*_RMS, *_MEANS):
         values = getattr(scores, column)
-        parts = {column: values} if values.ndim == 1 else _split(column, values, ("x", "y", "z"))
+        parts = {column: values} if values.ndim == 1 else split(column, values, ("x", "y", "z"))
         out.update(parts)
     axes = ("ax", "ay", "az", "bx", "by", "bz")
-    return out | _split("final_error", scores.final_error, axes)
+    return out | split("final_error", scores.final_error, axes)
 
 
-def _split(name: str, values: FloatArray, axes: tuple[str, ...]) -> dict[str, FloatArray]:
+def split(name: str, values: FloatArray, axes: tuple[str, ...]) -> dict[str, FloatArray]:
     return {f"{name}_{axis}": values[:, i] for i, axis in enumerate(axes)}
 
 
-def gather(parts: Sequence[Mapping[str, Any]], first: int) -> Scores:
+def gather(
+    kind: Callable[..., S], names: Sequence[str], parts: Sequence[Mapping[str, Any]], first: int
+) -> S:
     """Return one estimator's scores, put together from consecutive parts of a campaign."""
-    names = (*_RMS, *_MEANS, "final_error")
     columns = {name: np.concatenate([part[name] for part in parts]) for name in names}
     failures: dict[int, str] = {}
     begin = first
     for part in parts:
         failures |= {begin + row: reason for row, reason in part["failures"]}
         begin += len(part["nees"])
-    return Scores(trial=np.arange(first, begin, dtype=np.int64), failures=failures, **columns)
+    return kind(trial=np.arange(first, begin, dtype=np.int64), failures=failures, **columns)

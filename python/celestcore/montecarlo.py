@@ -11,16 +11,16 @@ from celestcore._campaign import (
     Navigators,
     Progress,
     Start,
+    checked_skip,
     described,
     named,
     processors,
+    run_all,
     smoothed_of,
-    spread,
     warn_of_failures,
 )
-from celestcore._check import number
-from celestcore._scores import MonteCarlo, Pooled, Scores, gather
-from celestcore.errors import InputError
+from celestcore._scores import COLUMNS, MonteCarlo, Pooled, Scores, gather
+from celestcore.navigator import StarGyroNavigator
 from celestcore.simulate import Scenario
 from celestcore.simulate._scenario import whole
 
@@ -127,33 +127,21 @@ def monte_carlo(
     True
     """
     checked(scenario, "scenario", Scenario)
-    if progress is not None and not callable(progress):
-        raise InputError("must be callable as progress(done, total)", field="progress")
-    navs = named(navigators)
+    navs = named(navigators, StarGyroNavigator)
     each = smoothed_of(navs, smooth)
     begin = Start(start, sigma0, navs)
     job = Job(
         flight=scenario._described(),
         estimators=[described(scenario, navs[n], begin.of(n), s) for n, s in each.values()],
         seed=whole(seed, "seed", 64),
-        skip=_skip(scenario, skip, any(s for _, s in each.values())),
+        skip=checked_skip(skip, scenario.truth.t, any(s for _, s in each.values())),
         threads=processors(threads, alone=executor is None),
         portable=bool(portable),
     )
     begins, total = whole(first, "first", 56), count(trials, "trials")
-    size = job.part(total) if chunk is None else count(chunk, "chunk")
-    if executor is None:
-        parts = [job(begins, total, progress)]
-    else:
-        parts = spread(executor, job, (begins, total, size), progress)
-    scores = {name: gather([p[i] for p in parts], begins) for i, name in enumerate(each)}
+    parts = run_all(job, (begins, total, chunk), executor, progress)
+    scores = {
+        name: gather(Scores, COLUMNS, [p[i] for p in parts], begins) for i, name in enumerate(each)
+    }
     warn_of_failures(scores)
     return MonteCarlo(scores, seed=job.seed, first=begins, trials=total, skip=job.skip)
-
-
-def _skip(scenario: Scenario, skip: float, smooth: bool) -> float:
-    left_out = number(skip, "skip", at_least=0.0)
-    span = float(scenario.truth.t[-1] - scenario.truth.t[0])
-    if left_out * (2.0 if smooth else 1.0) >= span:
-        raise InputError("leaves nothing to score", field="skip", value=left_out)
-    return left_out

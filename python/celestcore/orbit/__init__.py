@@ -16,8 +16,17 @@ Examples
 
 from __future__ import annotations
 
+from celestcore.orbit.dynamics import OrbitDynamics
 from celestcore.orbit.field import GravityField
 from celestcore.orbit.force import Drag, ForceModel, SolarPressure
 from celestcore.orbit.propagate import Trajectory, propagate
 
-__all__ = ["Drag", "ForceModel", "GravityField", "SolarPressure", "Trajectory", "propagate"]
+__all__ = [
+    "Drag",
+    "ForceModel",
+    "GravityField",
+    "OrbitDynamics",
+    "SolarPressure",
+    "Trajectory",
+    "propagate",
+]

@@ -139,12 +139,12 @@ def propagate(
         raise InputError("must be a ForceModel", field="model", value=model)
     name = epoch_string(epoch)
     times = _times(t)
-    start = [*_position(r0), *_velocity(v0)]
+    start = [*position(r0), *velocity(v0)]
     if method == "rk4":
         longest = number(30.0 if step is None else step, "step", above=0.0)
     else:
         longest = np.inf if step is None else number(step, "step", above=0.0)
-    tables = _environment(model, name, times, environment)
+    tables = environment_of(model, name, times, environment)
     state, matrices, evaluations = _core.orbit_propagate(
         model._described(),
         tables,
@@ -184,7 +184,7 @@ def _vector(value: Any, field: str) -> FloatArray:
     return out
 
 
-def _position(r0: Any) -> FloatArray:
+def position(r0: Any) -> FloatArray:
     r = _vector(r0, "r0")
     radius = float(np.linalg.norm(r))
     if radius < _KILOMETRES:
@@ -201,7 +201,7 @@ def _position(r0: Any) -> FloatArray:
     return r
 
 
-def _velocity(v0: Any) -> FloatArray:
+def velocity(v0: Any) -> FloatArray:
     v = _vector(v0, "v0")
     speed = float(np.linalg.norm(v))
     if 0.0 < speed < 20.0:
@@ -213,7 +213,7 @@ def _velocity(v0: Any) -> FloatArray:
     return v
 
 
-def _environment(
+def environment_of(
     model: ForceModel, epoch: str | None, t: FloatArray, environment: dict[str, Any] | None
 ) -> dict[str, Any] | None:
     """Return the tables that the model needs, or none."""

@@ -9,6 +9,7 @@
 
 pub mod attitude;
 pub mod belief;
+pub mod celestial;
 pub mod consistency;
 pub mod error;
 pub mod filter;
@@ -16,6 +17,7 @@ pub mod horizon;
 pub mod linalg;
 pub mod manifold;
 pub mod model;
+pub mod moments;
 pub mod orbit;
 pub mod particles;
 pub mod quaternion;

@@ -134,6 +134,16 @@ pub trait Measurement<const N: usize, const M: usize> {
         mul_t(a, h)
     }
 
+    /// Posterior mean and variance of the signal of a scalar measurement (`M = 1`): normal about zero with the
+    /// variance `s` before, then seen as `y` with the noise of this sensor; of normal noise unless overridden
+    /// ([`crate::moments`] has others).
+    #[inline(always)]
+    fn posterior<T: Real>(&self, y: T, s: T, given: &Given<Self, T, N, M>) -> (T, T) {
+        let noise = self.noise(given)[(0, 0)];
+        let gain = s / (s + noise);
+        (y * gain, noise * gain)
+    }
+
     /// Logarithm of the probability density of `z` in state `x`; of normal noise unless overridden.
     fn log_likelihood(
         &self,

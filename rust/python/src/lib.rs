@@ -3,6 +3,8 @@
 
 mod camera;
 mod campaign;
+mod celestial;
+mod celestial_campaign;
 mod columns;
 mod convert;
 mod errors;
@@ -40,6 +42,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     wahba::register(m)?;
     simulate::register(m)?;
     campaign::register(m)?;
+    celestial_campaign::register(m)?;
     orbit::register(m)?;
+    celestial::register(m)?;
     stream::register(m)
 }

@@ -5,14 +5,14 @@ use crate::errors::{input, raise};
 use crate::replay::Setup;
 use celestcore_core::attitude::{Attitude, GyroInput, PastStep, Reference, Snapshot, Stream};
 use celestcore_core::linalg::Matrix;
-use celestcore_core::replay::Report;
+use celestcore_core::replay::{MAX_DOF, Report};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
 /// What an update did.
 #[pyclass(frozen, module = "celestcore._core")]
-struct Update {
-    report: Report,
+pub(crate) struct Update {
+    pub(crate) report: Report,
 }
 
 #[pymethods]
@@ -31,11 +31,11 @@ impl Update {
     }
     #[getter]
     fn innovation<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.report.innovation[..self.report.dof])
+        PyArray1::from_slice(py, &self.report.innovation[..self.report.dof.min(MAX_DOF)])
     }
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let n = self.report.dof;
+        let n = self.report.dof.min(MAX_DOF);
         let flat: Vec<f64> = self.report.covariance[..n].iter().flat_map(|row| row[..n].to_vec()).collect();
         Ok(PyArray1::from_vec(py, flat).reshape([n, n])?.into_any())
     }

@@ -12,7 +12,7 @@ use crate::belief::Belief;
 use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, Iterated, SrUkf, Ukf};
 use crate::replay::{Drive, End, MAX_DOF, Output, Recorder, Replay, Report, Sink, Start, smooth as back};
-use crate::scalar::{Level, Real, Run};
+use crate::scalar::{Baseline, Level, Real, Run, Runner};
 
 /// The filters, chosen at run time, once per run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -327,26 +327,6 @@ impl Call<'_, '_> {
         let recorder = self.back.then(|| Recorder::new(nodes, rows));
         let pass = Pass { writer, recorder };
         runner.run(Job { replay, start: &start, pass, poll: self.poll })
-    }
-}
-
-/// How a job is compiled: for every instruction set, or, where that is not worth the compiling, for one.
-trait Runner {
-    fn run<R: Run>(self, job: R) -> R::Output;
-}
-
-impl Runner for Level {
-    fn run<R: Run>(self, job: R) -> R::Output {
-        Level::run(self, job)
-    }
-}
-
-/// The baseline of the target alone: for filters of wild starts, not of years of telemetry.
-struct Baseline;
-
-impl Runner for Baseline {
-    fn run<R: Run>(self, job: R) -> R::Output {
-        job.run::<f64>()
     }
 }
 

@@ -319,6 +319,7 @@ const NOTHING: Report = Report {
     nis: 0.0,
     innovation: [f64::NAN; MAX_DOF],
     covariance: [[f64::NAN; MAX_DOF]; MAX_DOF],
+    rows: [0, 0],
 };
 
 #[inline(always)]

@@ -3,6 +3,7 @@
 mod ekf;
 mod iterated;
 mod linearised;
+mod score;
 mod sigma;
 mod srukf;
 mod ukf;
@@ -10,6 +11,7 @@ mod ukf;
 pub use ekf::Ekf;
 pub use iterated::Iterated;
 pub use linearised::Linearised;
+pub use score::Score;
 pub use sigma::Unscented;
 pub use srukf::SrUkf;
 pub use ukf::Ukf;

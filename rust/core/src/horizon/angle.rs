@@ -1,5 +1,6 @@
 //! Angles to the nadir, and the nadir direction, as measurements of a position.
 
+use super::noise::Shape;
 use crate::linalg::{Matrix, Vector, from_fn};
 use crate::manifold::{Euclidean, Family};
 use crate::model::Measurement;
@@ -16,7 +17,10 @@ fn zenith<T: Real>(x: &[T; 6]) -> (Vector<T, 3>, T) {
 
 /// Angle between a star and the nadir, rad.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct StarAngle;
+pub struct StarAngle {
+    /// Distribution of its error.
+    pub shape: Shape,
+}
 
 /// What is known of an angle beforehand.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,7 +7,9 @@
 //! Source: Ning, Ma, *Analysis of filtering methods for satellite celestial navigation*, 2010, eqs 2 to 4.
 
 mod angle;
-mod combine;
+mod epochs;
+mod noise;
 
 pub use angle::{AnglePlane, NadirPlane, PlaneGiven, PlaneGivens, StarAngle, StarGiven, StarGivens};
-pub use combine::{Nadir, combine};
+pub use epochs::{AngleSeries, Epochs, Expected, Fitted, Robust};
+pub use noise::{AngleNoise, Shape};

@@ -173,39 +173,44 @@ impl Drag {
 
     #[inline(always)]
     fn air<T: Real>(&self, at: &Moment<T>, r: &[T; 3], v: &[T; 3]) -> Air<T> {
-        let (height, up) = geodetic(&rotate(&at.to_earth, r));
-        let up = at.inertial(&up);
         let mut each = [[0.0; 4]; 8];
         for i in 0..T::LANES {
-            each[i] = harris_priester(height.lane(i));
+            each[i] = self.density(&at.lane(i), &r.map(|x| x.lane(i)));
         }
         let column = |j: usize| T::from_lanes(|i| each[i][j]);
-        let (low, high, low_slope, high_slope) = (column(0), column(1), column(2), column(3));
-        let radius = dot3(r, r).sqrt().recip();
+        let slope = [column(1), column(2), column(3)];
+        Air { density: column(0), slope, wind: sub3(v, &scale(&at.spin(r), T::splat(EARTH_RATE))) }
+    }
+
+    /// Density, and its derivative to the position. Its exponentials gain nothing from wide instructions: one
+    /// copy in the machine code is enough.
+    #[inline(never)]
+    fn density(&self, at: &Moment<f64>, r: &[f64; 3]) -> [f64; 4] {
+        let (height, up) = geodetic(&rotate(&at.to_earth, r));
+        let up = at.inertial(&up);
+        let [low, high, low_slope, high_slope] = harris_priester(height);
+        let radius = 1.0 / dot3(r, r).sqrt();
         let along = scale(r, radius);
-        let sun = scale(&at.sun, dot3(&at.sun, &at.sun).sqrt().recip());
+        let sun = scale(&at.sun, 1.0 / dot3(&at.sun, &at.sun).sqrt());
         let apex = at.turned(&sun, self.lag.sin(), self.lag.cos());
         let cos = dot3(&along, &apex);
-        let share = (cos + T::one()) * 0.5;
-        let (power, power_slope) = self.power(share);
-        let density = (high - low).mul_add(power, low);
-        let by_height = (high_slope - low_slope).mul_add(power, low_slope);
+        let (power, power_slope) = self.power((cos + 1.0) * 0.5);
+        let by_height = low_slope + (high_slope - low_slope) * power;
         let by_angle = (high - low) * power_slope * radius * 0.5;
-        let slope = |i: usize| by_height.mul_add(up[i], by_angle * (apex[i] - cos * along[i]));
-        let slope = [slope(0), slope(1), slope(2)];
-        Air { density, slope, wind: sub3(v, &scale(&at.spin(r), T::splat(EARTH_RATE))) }
+        let slope = |i: usize| by_height * up[i] + by_angle * (apex[i] - cos * along[i]);
+        [low + (high - low) * power, slope(0), slope(1), slope(2)]
     }
 
     /// `share^(n/2)` and its derivative.
     #[inline(always)]
-    fn power<T: Real>(&self, share: T) -> (T, T) {
+    fn power(&self, share: f64) -> (f64, f64) {
         let half = self.exponent * 0.5;
         let below = if half == 3.0 {
             share * share
         } else if half == 2.0 {
             share
         } else {
-            share.map(|x| x.max(0.0).powf(half - 1.0))
+            share.max(0.0).powf(half - 1.0)
         };
         (below * share, below * half)
     }

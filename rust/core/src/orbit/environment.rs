@@ -147,8 +147,9 @@ impl Environment {
         self.earth.contains(t) && self.bodies.contains(t)
     }
 
-    /// Everything of one moment; not a number outside the tables.
-    #[inline(always)]
+    /// Everything of one moment; not a number outside the tables. It gains nothing from wide instructions:
+    /// one copy in the machine code is enough.
+    #[inline(never)]
     pub fn at(&self, t: f64) -> Moment<f64> {
         let [x, y, spin, xp, yp] = interpolate(&self.orientation, &self.earth, t);
         let p = interpolate(&self.positions, &self.bodies, t);
@@ -227,6 +228,15 @@ impl<T: Real> Moment<T> {
             sun: three(&self.sun),
             moon: three(&self.moon),
         }
+    }
+
+    /// One lane.
+    #[inline(always)]
+    pub(super) fn lane(&self, i: usize) -> Moment<f64> {
+        self.map(
+            #[inline(always)]
+            |x| x.lane(i),
+        )
     }
 
     /// Velocity of the air at `r` that turns with the Earth, GCRS, m/s per rad/s.

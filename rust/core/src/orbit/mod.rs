@@ -23,7 +23,7 @@ pub use field::{Field, MAX_DEGREE};
 pub use force::{ForceModel, Gradient};
 pub use gravity::{Gravity, J2};
 pub use integrate::{Method, Trajectory, propagate};
-pub use model::{Nothing, OrbitModel};
+pub use model::{Nothing, OrbitModel, Scheme};
 pub use radiation::{SolarPressure, sunlight};
 pub use third_body::{MOON_MU, SUN_MU, third_body};
 

@@ -2,8 +2,9 @@
 
 use super::force::ForceModel;
 use super::integrate::{Variational, rk4, with_identity};
+use super::vector::dot3;
 use crate::error::{Error, Result};
-use crate::linalg::{Matrix, add, congruence, from_fn, mul, zeros};
+use crate::linalg::{Matrix, add, congruence, from_fn, identity, mul, zeros};
 use crate::manifold::{Euclidean, Family};
 use crate::model::Dynamics;
 use crate::scalar::Real;
@@ -29,6 +30,20 @@ pub struct OrbitModel {
     pub accel_psd: f64,
     /// Longest RK4 step, s.
     pub max_step: f64,
+    /// How a step is taken.
+    pub scheme: Scheme,
+}
+
+/// How a step of the orbit is taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scheme {
+    /// Classical Runge-Kutta, in as many steps as needed.
+    #[default]
+    Rk4,
+    /// One Taylor step of second order over the whole time, `x + f T + A f T²/2`, with the transition `I + A T`
+    /// (Ning and Ma 2010, eqs 5, 9, 10): what the paper's extended Kalman filter does. Its error grows with
+    /// the cube of the time.
+    Taylor,
 }
 
 impl OrbitModel {
@@ -42,7 +57,7 @@ impl OrbitModel {
         if !(max_step.is_finite() && max_step > 0.0) {
             return Err(Error::Parameter { field: "max_step", value: max_step, need: "must be finite and positive" });
         }
-        Ok(Self { force, accel_psd, max_step })
+        Ok(Self { force, accel_psd, max_step, scheme: Scheme::Rk4 })
     }
 
     /// How many RK4 steps a step takes, and how long they are.
@@ -60,9 +75,38 @@ impl OrbitModel {
     /// The state after a step and the transition to it.
     #[inline(always)]
     fn both<T: Real>(&self, x: &[T; 6], t: T, dt: T) -> ([T; 6], Matrix<T, 6, 6>) {
+        if self.scheme == Scheme::Taylor {
+            return self.taylor(x, t, dt);
+        }
         let (steps, h) = self.division(dt);
         let y = rk4(&Variational(&self.force), t, &with_identity(x), h, steps);
         ([y[0], y[1], y[2], y[3], y[4], y[5]], from_fn(|i, j| y[6 + 6 * i + j]))
+    }
+
+    #[inline(always)]
+    fn taylor<T: Real>(&self, x: &[T; 6], t: T, dt: T) -> ([T; 6], Matrix<T, 6, 6>) {
+        let (r, v) = ([x[0], x[1], x[2]], [x[3], x[4], x[5]]);
+        let g = self.force.gradient(&self.force.moment(t), &r, &v);
+        let a = &g.acceleration;
+        let half = dt * dt * 0.5;
+        let mut after = *x;
+        let mut transition = identity();
+        for i in 0..3 {
+            after[i] = half.mul_add(a[i], dt.mul_add(v[i], r[i]));
+            let mut jerk = dot3(&[g.by_position[(i, 0)], g.by_position[(i, 1)], g.by_position[(i, 2)]], &v);
+            if let Some(d) = &g.by_velocity {
+                jerk += dot3(&[d[(i, 0)], d[(i, 1)], d[(i, 2)]], a);
+            }
+            after[3 + i] = half.mul_add(jerk, dt.mul_add(a[i], v[i]));
+            transition[(i, 3 + i)] = dt;
+            for j in 0..3 {
+                transition[(3 + i, j)] = g.by_position[(i, j)] * dt;
+                if let Some(d) = &g.by_velocity {
+                    transition[(3 + i, 3 + j)] += d[(i, j)] * dt;
+                }
+            }
+        }
+        (after, transition)
     }
 
     #[inline(always)]
@@ -85,6 +129,9 @@ impl Dynamics<6> for OrbitModel {
 
     #[inline(always)]
     fn step<T: Real>(&self, x: &[T; 6], (): &(), t: T, dt: T) -> [T; 6] {
+        if self.scheme == Scheme::Taylor {
+            return self.taylor(x, t, dt).0;
+        }
         let (steps, h) = self.division(dt);
         match self.force.closed() {
             Some(j2) => rk4(&j2, t, x, h, steps),

@@ -61,6 +61,8 @@ pub struct Report {
     pub innovation: [f64; MAX_DOF],
     /// Covariance of the innovation.
     pub covariance: [[f64; MAX_DOF]; MAX_DOF],
+    /// Rows of the log that it is made of, and how many of them were used.
+    pub rows: [usize; 2],
 }
 
 impl<T: Real<Mask = bool>, const M: usize> From<Outcome<T, M>> for Report {
@@ -74,7 +76,8 @@ impl<T: Real<Mask = bool>, const M: usize> From<Outcome<T, M>> for Report {
                 covariance[i][j] = o.covariance[(i, j)].lane(0);
             }
         }
-        Self { ok: o.ok, accepted: o.accepted, dof: M, nis: o.nis.lane(0), innovation, covariance }
+        let rows = [1, usize::from(o.accepted)];
+        Self { ok: o.ok, accepted: o.accepted, dof: M, nis: o.nis.lane(0), innovation, covariance, rows }
     }
 }
 
@@ -368,7 +371,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
 fn first_sample(times: &[f64], t: f64) -> Result<usize> {
     let Some(last) = times.last() else { return Err(Error::Empty { field: "gyro" }) };
     if !(t >= times[0] && t <= *last) {
-        return Err(Error::Parameter { field: "start time", value: t, need: "must lie within the gyro's time span" });
+        return Err(Error::Parameter { field: "start time", value: t, need: "must lie within the log's time span" });
     }
     Ok(times.partition_point(|s| *s <= t) - 1)
 }

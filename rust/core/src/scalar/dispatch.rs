@@ -56,3 +56,24 @@ impl Level {
 fn avx2<R: Run>(job: R) -> R::Output {
     job.run::<Fused>()
 }
+
+/// How a job is compiled: for every instruction set, or, where that is not worth the compiling, for one.
+pub(crate) trait Runner {
+    /// Runs a job.
+    fn run<R: Run>(self, job: R) -> R::Output;
+}
+
+impl Runner for Level {
+    fn run<R: Run>(self, job: R) -> R::Output {
+        Level::run(self, job)
+    }
+}
+
+/// The baseline of the target alone: for filters of wild starts, not of years of telemetry.
+pub(crate) struct Baseline;
+
+impl Runner for Baseline {
+    fn run<R: Run>(self, job: R) -> R::Output {
+        job.run::<f64>()
+    }
+}

@@ -11,6 +11,7 @@ mod one;
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+pub(crate) use dispatch::{Baseline, Runner};
 pub use dispatch::{Level, Run};
 pub use lanes::{Lanes, Mask8};
 pub use one::Fused;

@@ -1,5 +1,6 @@
 //! Many trials over threads, each run through several estimators.
 
+use super::parallel::{keep_on, over_threads};
 use super::rng::{Stream, channel};
 use super::score::{Flown, Score};
 use super::{Fixes, GyroErrors, Readings, Scenario, StarSource};
@@ -14,9 +15,8 @@ use crate::quaternion::{Quaternion, conjugate, multiply, rotate, to_matrix};
 use crate::replay::{End, Output, Start};
 use crate::scalar::Level;
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel as pipe};
-use std::time::{Duration, Instant};
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 /// A star camera as an estimator knows it.
 #[derive(Clone, Copy, Debug)]
@@ -77,9 +77,6 @@ pub struct Campaign<'a> {
 /// One estimator's result in one trial; an error if its covariance broke down.
 pub type Scored = Result<Score>;
 
-/// How often the calling thread looks up while the others work.
-const POLL: Duration = Duration::from_millis(50);
-
 /// Runs all trials, by number of the trial and then of the estimator. The same bits for any number of
 /// threads. `poll` is called on the calling thread, at least 20 times a second, with the number of
 /// trials done, and may end the campaign.
@@ -93,58 +90,9 @@ pub fn monte_carlo(
     poll: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Vec<Vec<Scored>>> {
     let shared = Shared::new(campaign)?;
-    let trials = campaign.trials.end.saturating_sub(campaign.trials.start) as usize;
-    let (next, stop) = (AtomicU64::new(campaign.trials.start), AtomicBool::new(false));
-    let (send, receive) = pipe();
-    std::thread::scope(|scope| {
-        for _ in 0..threads.clamp(1, trials.max(1)) {
-            let (shared, next, stop, send) = (&shared, &next, &stop, send.clone());
-            scope.spawn(move || work(&mut Worker::new(shared, stop), next, &send));
-        }
-        drop(send);
-        let done = collect(&receive, campaign.trials.start, trials, poll);
-        stop.store(true, Ordering::Relaxed);
-        done
-    })
-}
-
-type Message = (u64, Result<Vec<Scored>>);
-
-fn work(worker: &mut Worker<'_>, next: &AtomicU64, send: &Sender<Message>) {
-    loop {
-        let trial = next.fetch_add(1, Ordering::Relaxed);
-        if trial >= worker.shared.campaign.trials.end || worker.stop.load(Ordering::Relaxed) {
-            return;
-        }
-        let result = worker.trial(trial);
-        let failed = result.is_err();
-        if send.send((trial, result)).is_err() || failed {
-            return;
-        }
-    }
-}
-
-fn collect(
-    receive: &Receiver<Message>,
-    first: u64,
-    trials: usize,
-    poll: &mut dyn FnMut(usize) -> Result<()>,
-) -> Result<Vec<Vec<Scored>>> {
-    let mut out = vec![Vec::new(); trials];
-    let mut done = 0;
-    while done < trials {
-        match receive.recv_timeout(POLL) {
-            Ok((trial, result)) => {
-                out[(trial - first) as usize] = result?;
-                done += 1;
-            }
-            Err(RecvTimeoutError::Timeout) => {}
-            // only if a thread has panicked, which the scope passes on
-            Err(RecvTimeoutError::Disconnected) => return Err(Error::Interrupted),
-        }
-        poll(done)?;
-    }
-    Ok(out)
+    let stop = AtomicBool::new(false);
+    let work = (|| Worker::new(&shared, &stop), |worker: &mut Worker<'_>, number| worker.trial(number));
+    over_threads(campaign.trials.clone(), threads, &stop, work, poll)
 }
 
 /// What all threads read.
@@ -286,10 +234,6 @@ impl<'a> Worker<'a> {
         let true_fixes = known.into_iter().map(|(_, q)| q).collect();
         Flown { truth, bias, fixed: &self.fixed, true_fixes, fixes, window }.score(&self.buffers, &end, seconds)
     }
-}
-
-fn keep_on(stop: &AtomicBool) -> Result<()> {
-    if stop.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
 }
 
 /// The one place where a trial meets a filter or a smoother.

@@ -3,12 +3,14 @@
 mod camera;
 mod campaign;
 mod gyro;
+mod parallel;
 pub mod rng;
 mod score;
 
 pub use camera::{Fixes, StarField, StarNoise, StarSource};
 pub use campaign::{Begin, Campaign, Estimator, KnownCamera, Scored, monte_carlo};
 pub use gyro::GyroErrors;
+pub use parallel::{keep_on, over_threads};
 pub use rng::{MAX_TRIAL, Stream, channel};
 pub use score::Score;
 

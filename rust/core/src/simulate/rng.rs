@@ -19,6 +19,12 @@ pub mod channel {
     pub const BIAS: u8 = 3;
     /// Error that an estimator starts with.
     pub const START: u8 = 4;
+    /// Each star angle's own error.
+    pub const ANGLES: u8 = 6;
+    /// Error of the horizon sensor's nadir direction.
+    pub const NADIR: u8 = 7;
+    /// Which star angles are outliers.
+    pub const OUTLIERS: u8 = 8;
     /// First star camera; the next ones follow.
     pub const STAR: u8 = 16;
     /// Centroids of the first physical star camera; those of the next ones follow.

@@ -1,0 +1,21 @@
+"""Autonomous navigation of an Earth satellite by stars: angles to the nadir, starlight refraction.
+
+A `CelestialNavigator` estimates position and velocity (GCRS, m and m/s) over a `CelestialLog` of
+angles to known stars.
+
+Examples
+--------
+>>> import celestcore as cc
+>>> dynamics = cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), accel_psd=4e-7)
+>>> cc.CelestialNavigator(cc.UKF(), dynamics, cc.StarHorizon()).filter.kind
+'ukf'
+"""
+
+from __future__ import annotations
+
+from celestcore.celestial.log import AngleTable, CelestialLog
+from celestcore.celestial.measurements import StarHorizon
+from celestcore.celestial.navigator import CelestialNavigator
+from celestcore.celestial.solution import OrbitSolution
+
+__all__ = ["AngleTable", "CelestialLog", "CelestialNavigator", "OrbitSolution", "StarHorizon"]

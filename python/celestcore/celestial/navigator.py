@@ -1,0 +1,403 @@
+"""`CelestialNavigator`: an orbit from what a satellite sees of stars and the Earth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from celestcore import _core
+from celestcore._arguments import LARGEST, checked, count, positive
+from celestcore._check import FloatArray, array, number, times, warn
+from celestcore.celestial.log import CelestialLog
+from celestcore.celestial.measurements import StarHorizon
+from celestcore.celestial.solution import OrbitSolution
+from celestcore.errors import InputError
+from celestcore.filters import EKF, UKF, IteratedEKF
+from celestcore.orbit.dynamics import OrbitDynamics
+from celestcore.orbit.propagate import environment_of, position, velocity
+
+if TYPE_CHECKING:
+    from celestcore.celestial.montecarlo import MonteCarlo
+    from celestcore.celestial.scenario import Scenario
+
+__all__ = ["CelestialNavigator"]
+
+OrbitFilter: TypeAlias = EKF | UKF | IteratedEKF
+Sigma0: TypeAlias = "tuple[ArrayLike, ArrayLike]"
+START_SIGMA = (1e3, 1.0)
+"""1-sigma of a start's position [m] and velocity [m/s] if none is given."""
+
+
+class CelestialNavigator:
+    """Position and velocity of a satellite of the Earth from angles to stars.
+
+    State, in the order of `sigma` and of covariances: position x, y, z [m], velocity x, y, z
+    [m/s], GCRS.
+
+    Parameters
+    ----------
+    filter : EKF, UKF, SRUKF or IteratedEKF
+        The filter.
+    dynamics : OrbitDynamics
+        Forces and their uncertainty.
+    measurements : StarHorizon, or a sequence of measurements
+        Noise of the angles, as the filter knows it.
+    gate : float, optional
+        Probability with which a good angle passes the chi-square gate, for example 0.9999. Each
+        angle is held against its own prediction; None: all are used.
+    huber : float, optional
+        Instead of a gate: angles beyond so many standard deviations count less, in proportion.
+        1.345 loses 5 % if all are good (Huber 1964).
+    combine : bool
+        Whether the angles of an epoch are first combined to the nadir direction that they give
+        (nothing is lost, and the errors they share are treated right), or used one by one.
+
+    Raises
+    ------
+    InputError
+        Names the field and the value.
+
+    Examples
+    --------
+    >>> import celestcore as cc
+    >>> dynamics = cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), accel_psd=4e-7)
+    >>> nav = CelestialNavigator(cc.UKF(), dynamics, cc.StarHorizon(), gate=0.9999)
+    >>> log = cc.CelestialLog(horizon=([0.0, 3.0], [[0.0, 0.0, 1.0]] * 2, [1.571, 1.574]))
+    >>> sol = nav.run(log, r0=[7e6, 0, 0], v0=[0, 0, 7.5e3], sigma0=(1e3, 1.0))
+    >>> len(sol)
+    2
+    """
+
+    def __init__(
+        self,
+        filter: OrbitFilter,  # noqa: A002 - the field's word
+        dynamics: OrbitDynamics,
+        measurements: StarHorizon | Sequence[Any],
+        *,
+        gate: float | None = None,
+        huber: float | None = None,
+        combine: bool = True,
+    ) -> None:
+        self.filter: OrbitFilter = checked(filter, "filter", EKF, UKF, IteratedEKF)
+        self.dynamics: OrbitDynamics = checked(dynamics, "dynamics", OrbitDynamics)
+        given = measurements if isinstance(measurements, Sequence) else [measurements]
+        self.measurements = tuple(checked(m, "measurements", StarHorizon) for m in given)
+        if not self.measurements:
+            raise InputError("needs at least one, such as StarHorizon()", field="measurements")
+        self.gate = None if gate is None else number(gate, "gate", above=0.0)
+        self.huber = None if huber is None else number(huber, "huber", above=0.0)
+        if self.gate is not None and self.gate > 1.0:
+            raise InputError(
+                "is a probability, for example 0.9999; 1 accepts all", field="gate", value=gate
+            )
+        if self.gate is not None and self.huber is not None:
+            raise InputError("give gate or huber, not both", field="huber", value=huber)
+        self.combine = bool(combine)
+
+    def __repr__(self) -> str:
+        return (
+            f"CelestialNavigator({self.filter!r}, {self.dynamics!r}, {self.measurements!r}, "
+            f"gate={self.gate}, huber={self.huber}, combine={self.combine})"
+        )
+
+    def run(
+        self,
+        log: CelestialLog,
+        r0: ArrayLike,
+        v0: ArrayLike,
+        *,
+        sigma0: Sigma0 | None = None,
+        covariance0: ArrayLike | None = None,
+        t0: float | None = None,
+        t_output: ArrayLike | None = None,
+        every: int = 1,
+        covariance: bool = False,
+        environment: dict[str, Any] | None = None,
+        portable: bool = False,
+        progress: Callable[[int, int], object] | None = None,
+    ) -> OrbitSolution:
+        """Estimate the orbit over a log.
+
+        Parameters
+        ----------
+        log : CelestialLog
+            What was measured.
+        r0, v0 : array_like (3,)
+            Position [m] and velocity [m/s] at the start, GCRS.
+        sigma0 : (position, velocity), optional
+            1-sigma of the start [m], [m/s], each a number or three; 1 km and 1 m/s.
+        covariance0 : array_like (6, 6), optional
+            Full covariance of the start instead.
+        t0 : float, optional
+            Time of the start [s since the log's epoch]; that of the first epoch.
+        t_output : array_like (n,), optional
+            Times of the output rows beside the start [s], increasing; the epochs of the log. The
+            run ends at the last of both.
+        every : int
+            One output row every so many of these.
+        covariance : bool
+            Whether to keep full covariances.
+        environment : dict, optional
+            Tables from `celestcore.frames.environment` to be used again.
+        portable : bool
+            Compute without the wide instructions of this machine: same bits on every x86-64
+            machine, slower.
+        progress : callable, optional
+            ``progress(done, total)``, called now and then.
+
+        Returns
+        -------
+        OrbitSolution
+
+        Raises
+        ------
+        InputError
+            Kilometres for metres, a start inside the Earth or after the log, a force that needs
+            an epoch which the log does not have.
+        NumericalError
+            A covariance that is no longer positive definite; names step and time.
+        KeyboardInterrupt
+            On Ctrl-C, within a fraction of a second.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> dynamics = cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), accel_psd=4e-7)
+        >>> nav = cc.CelestialNavigator(cc.EKF(), dynamics, cc.StarHorizon())
+        >>> log = cc.CelestialLog(horizon=([0.0, 3.0], [[0.0, 0.0, 1.0]] * 2, [1.571, 1.574]))
+        >>> nav.run(log, [7e6, 0, 0], [0, 0, 7.5e3]).final["t"]
+        3.0
+        """
+        given: dict[str, Any] = {
+            "sigma0": sigma0,
+            "covariance0": covariance0,
+            "t0": t0,
+            "t_output": t_output,
+            "every": every,
+            "covariance": covariance,
+            "environment": environment,
+            "portable": portable,
+            "progress": progress,
+        }
+        return self._replay(log, r0, v0, given, back=False)
+
+    def smooth(
+        self, log: CelestialLog, r0: ArrayLike, v0: ArrayLike, **options: Any
+    ) -> OrbitSolution:
+        """Go over a log forward and back: every row knows the measurements before and after it.
+
+        Parameters
+        ----------
+        log : CelestialLog
+            What was measured.
+        r0, v0 : array_like (3,)
+            Position [m] and velocity [m/s] at the start, GCRS.
+        **options
+            Those of `run`.
+
+        Returns
+        -------
+        OrbitSolution
+            With ``smoothed=True``; what it says of measurements is the forward pass's.
+
+        Raises
+        ------
+        InputError, NumericalError, KeyboardInterrupt
+            As `run`.
+
+        Notes
+        -----
+        Rauch, Tung, Striebel 1965; for sigma points Sarkka 2008.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> dynamics = cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), accel_psd=4e-7)
+        >>> nav = cc.CelestialNavigator(cc.EKF(), dynamics, cc.StarHorizon())
+        >>> log = cc.CelestialLog(horizon=([0.0, 3.0], [[0.0, 0.0, 1.0]] * 2, [1.571, 1.574]))
+        >>> nav.smooth(log, [7e6, 0, 0], [0, 0, 7.5e3]).smoothed
+        True
+        """
+        unknown = set(options) - set(_DEFAULTS)
+        if unknown:
+            raise InputError(
+                f"is not an option; known are {', '.join(_DEFAULTS)}", field=min(unknown)
+            )
+        return self._replay(log, r0, v0, {**_DEFAULTS, **options}, back=True)
+
+    def monte_carlo(self, scenario: Scenario, trials: int = 40, **options: Any) -> MonteCarlo:
+        """Run many simulated trials of a scenario through this navigator.
+
+        Parameters
+        ----------
+        scenario : celestcore.celestial.Scenario
+            Orbit, cameras and errors.
+        trials : int
+            How many.
+        **options
+            Those of `celestcore.celestial.monte_carlo`: `seed`, `smooth`, `skip`, `threads`, ...
+
+        Returns
+        -------
+        MonteCarlo
+
+        Raises
+        ------
+        InputError, KeyboardInterrupt
+            As `celestcore.celestial.monte_carlo`.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> dynamics = cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), accel_psd=4e-7)
+        >>> nav = cc.CelestialNavigator(cc.EKF(), dynamics, cc.StarHorizon())
+        >>> nav.monte_carlo  # doctest: +ELLIPSIS
+        <bound method ...
+        """
+        from celestcore.celestial.montecarlo import monte_carlo
+
+        return monte_carlo(scenario, self, trials, **options)
+
+    @property
+    def horizon(self) -> StarHorizon | None:
+        """The measurement of angles to the nadir, if there is one."""
+        return next((m for m in self.measurements if isinstance(m, StarHorizon)), None)
+
+    def _described(self, tables: dict[str, Any] | None) -> dict[str, Any]:
+        """Return filter, dynamics and sensors for the core."""
+        outliers = ("keep", 0.0)
+        if self.gate is not None:
+            outliers = ("gate", self.gate)
+        elif self.huber is not None:
+            outliers = ("huber", self.huber)
+        horizon = self.horizon
+        return {
+            **self.filter._setup(),
+            **self.dynamics._described(tables),
+            "outliers": outliers,
+            "horizon": None if horizon is None else horizon._described(self.combine),
+        }
+
+    def _replay(
+        self, log: CelestialLog, r0: ArrayLike, v0: ArrayLike, given: dict[str, Any], *, back: bool
+    ) -> OrbitSolution:
+        checked(log, "log", CelestialLog)
+        progress = given["progress"]
+        if progress is not None and not callable(progress):
+            raise InputError("must be callable as progress(done, total)", field="progress")
+        used = {"horizon": self.horizon}
+        tables = {name: table for name, table in log.tables.items() if used.get(name) is not None}
+        if not tables:
+            raise InputError(
+                f"has no table for these measurements; it has {', '.join(log.tables)}", field="log"
+            )
+        stops = _stops(log.times, given["t0"], given["t_output"])
+        force = self.dynamics.force
+        environment = environment_of(force, log.epoch, stops, given["environment"])
+        start = [*position(r0), *velocity(v0)]
+        p0 = covariance_of(given["sigma0"], given["covariance0"])
+        columns = {name: (table.t, table.star, table.angle) for name, table in tables.items()}
+        out = _core.celestial_run(
+            self._described(environment),
+            stops,
+            columns.get("horizon"),
+            (float(stops[0]), start, p0),
+            count(given["every"], "every"),
+            bool(given["covariance"]),
+            back,
+            bool(given["portable"]),
+            progress,
+        )
+        return _solution(self, log, out, list(tables), back)
+
+
+_DEFAULTS: dict[str, Any] = {
+    "sigma0": None,
+    "covariance0": None,
+    "t0": None,
+    "t_output": None,
+    "every": 1,
+    "covariance": False,
+    "environment": None,
+    "portable": False,
+    "progress": None,
+}
+
+
+def _stops(epochs: FloatArray, t0: float | None, t_output: ArrayLike | None) -> FloatArray:
+    """Return the times that a run stops at: the start first."""
+    if not len(epochs) and t0 is None:
+        raise InputError("is needed where a log has no angle", field="t0")
+    begin = float(epochs[0]) if t0 is None else number(t0, "t0")
+    wanted = epochs if t_output is None else times(t_output, "t_output")
+    if len(epochs) and begin > epochs[-1]:
+        raise InputError(
+            f"comes after the log's last epoch, {float(epochs[-1])!r} s", field="t0", value=begin
+        )
+    later = wanted[wanted > begin]
+    if len(epochs) and (not len(later) or later[-1] < epochs[-1]) and epochs[-1] > begin:
+        later = np.append(later, epochs[-1])
+    return np.concatenate([[begin], later])
+
+
+def covariance_of(sigma0: Sigma0 | None, covariance0: ArrayLike | None) -> FloatArray:
+    """Return the covariance of a start (6, 6)."""
+    if covariance0 is not None:
+        if sigma0 is not None:
+            raise InputError("give sigma0 or covariance0, not both", field="covariance0")
+        p = array(covariance0, "covariance0", (6, 6))
+        if not (np.isfinite(p).all() and np.allclose(p, p.T, rtol=1e-9, atol=0.0)):
+            raise InputError("must be finite and symmetric", field="covariance0", value=p)
+        return np.ascontiguousarray(0.5 * (p + p.T))
+    pair = START_SIGMA if sigma0 is None else sigma0
+    if not isinstance(pair, Sequence | np.ndarray) or len(pair) != 2:
+        raise InputError("needs (position [m], velocity [m/s])", field="sigma0", value=sigma0)
+    sigma = np.concatenate([positive(part, "sigma0") for part in pair])
+    assert sigma.max() < LARGEST
+    return np.diag(sigma * sigma)
+
+
+def _solution(
+    nav: CelestialNavigator, log: CelestialLog, out: dict[str, Any], names: list[str], back: bool
+) -> OrbitSolution:
+    """Return the core's answer as a solution."""
+    seen, used = int(out["stars"].sum()), int(out["used"].sum())
+    if seen - used > max(20, 0.5 * seen):
+        warn(
+            f"{seen - used} of {seen} angles were outside the gate: the start, the noise or the "
+            "stars are probably wrong"
+        )
+    state, final, p = out["state"], out["final_state"], out["final_covariance"]
+    columns = ("t", "sigma", "measurement_t", "sensor", "row", "nis", "dof", "accepted")
+    more = ("innovation", "innovation_sigma", "stars", "used")
+    return OrbitSolution(
+        **{name: out[name] for name in columns + more},
+        r=np.ascontiguousarray(state[:, :3]),
+        v=np.ascontiguousarray(state[:, 3:]),
+        covariance=out.get("covariance"),
+        ess=out["effective"],
+        counts={
+            "epochs": len(log.times),
+            "angles": seen,
+            "rejected": seen - used,
+            "missing": sum(table.missing for table in log.tables.values()),
+            "predicted_only": int(np.count_nonzero(~out["accepted"])),
+            "outside": int(out["outside"]),
+        },
+        epoch=log.epoch,
+        filter=nav.filter.kind,
+        elapsed_s=out["elapsed_s"],
+        final={
+            "t": out["final_t"],
+            "r": final[:3],
+            "v": final[3:],
+            "sigma": np.sqrt(np.diag(p)),
+            "covariance": p,
+        },
+        smoothed=back,
+        log_likelihood=float(out["log_likelihood"]),
+        sensor_names=names,
+    )

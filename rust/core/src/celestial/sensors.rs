@@ -1,0 +1,209 @@
+//! The measurements of a satellite's log as filters see them.
+
+use crate::belief::Belief;
+use crate::consistency::chi2_quantile;
+use crate::error::Result;
+use crate::filter::Filter;
+use crate::horizon::{AngleNoise, Epochs, Expected, NadirPlane, Robust, StarAngle, StarGiven};
+use crate::linalg::{Matrix, from_fn, zeros};
+use crate::manifold::Euclidean;
+use crate::quaternion::dot3;
+use crate::replay::{MAX_DOF, Report, Sensors};
+use crate::scalar::Real;
+
+/// How the angles of an epoch are used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Use {
+    /// All at once, as the nadir direction that they give.
+    Together,
+    /// One after the other, by the distribution of their errors where the filter knows it.
+    OneByOne,
+}
+
+/// Angles between stars and the nadir, and how to use them.
+#[derive(Clone, Copy, Debug)]
+pub struct Horizon<'a> {
+    /// The angles.
+    pub epochs: &'a Epochs,
+    /// Their errors.
+    pub noise: AngleNoise,
+    /// How they are used.
+    pub how: Use,
+}
+
+/// A sensor's table.
+#[derive(Clone, Copy, Debug)]
+pub enum Source<'a> {
+    /// Angles between stars and the nadir.
+    Horizon(Horizon<'a>),
+}
+
+/// A measurement of a log: its sensor, and its place there.
+#[derive(Clone, Copy, Debug)]
+struct Item {
+    t: f64,
+    sensor: usize,
+    /// An epoch's number where its angles are used together, otherwise the row in the table.
+    place: usize,
+}
+
+/// All measurements of a log in order of time.
+#[derive(Clone, Debug)]
+pub struct CelestialSensors<'a> {
+    sources: Vec<Source<'a>>,
+    order: Vec<Item>,
+    robust: Robust,
+    /// Largest normalised innovation squared by its degrees of freedom.
+    gates: [f64; MAX_DOF],
+}
+
+/// What is done about measurements that do not fit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Outliers {
+    /// Nothing.
+    #[default]
+    Keep,
+    /// A good angle passes the gate with this probability.
+    Gate(f64),
+    /// Huber's weights: linear beyond so many standard deviations.
+    Huber(f64),
+}
+
+impl<'a> CelestialSensors<'a> {
+    /// # Errors
+    /// `Parameter` for a probability out of range.
+    pub fn new(sources: &[Source<'a>], outliers: Outliers) -> Result<Self> {
+        let mut order = Vec::new();
+        for (sensor, source) in sources.iter().enumerate() {
+            match source {
+                Source::Horizon(horizon) => {
+                    for (epoch, t) in horizon.epochs.times().iter().enumerate() {
+                        let item = |place| Item { t: *t, sensor, place };
+                        match horizon.how {
+                            Use::Together => order.push(item(epoch)),
+                            Use::OneByOne => order.extend(horizon.epochs.rows(epoch).map(item)),
+                        }
+                    }
+                }
+            }
+        }
+        order.sort_by(|a, b| a.t.total_cmp(&b.t));
+        let mut gates = [f64::INFINITY; MAX_DOF];
+        let robust = match outliers {
+            Outliers::Keep => Robust::No,
+            Outliers::Huber(limit) => Robust::Huber(limit),
+            Outliers::Gate(probability) => {
+                for (i, gate) in gates.iter_mut().enumerate() {
+                    *gate = chi2_quantile(probability, (i + 1) as f64)?;
+                }
+                Robust::Gate(gates[0])
+            }
+        };
+        Ok(Self { sources: sources.to_vec(), order, robust, gates })
+    }
+
+    /// How many measurements there are.
+    pub fn count(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Time of measurement `i`, s.
+    pub fn at(&self, i: usize) -> f64 {
+        self.order[i].t
+    }
+
+    /// Number of the sensor and the first row of measurement `i` in its table.
+    pub fn source(&self, i: usize) -> (usize, usize) {
+        let Item { sensor, place, .. } = self.order[i];
+        let row = match &self.sources[sensor] {
+            Source::Horizon(h) if h.how == Use::Together => h.epochs.rows(place).start,
+            Source::Horizon(_) => place,
+        };
+        (sensor, row)
+    }
+
+    /// An epoch's angles as one direction.
+    #[inline(always)]
+    fn together<F: Filter, T: Real<Mask = bool>>(
+        &self,
+        horizon: &Horizon<'_>,
+        epoch: usize,
+        filter: &F,
+        belief: &mut F::Belief<Euclidean<6>, T, 6>,
+    ) -> Report {
+        let x = belief.mean();
+        let r = [x[0], x[1], x[2]];
+        let inverse = dot3(&r, &r).sqrt().recip();
+        let nadir = r.map(|c| -(c * inverse));
+        let spread: Matrix<T, 3, 3> = match self.robust {
+            Robust::No => zeros(),
+            _ => {
+                let p = belief.covariance();
+                from_fn(|i, j| p[(i, j)] * (inverse * inverse))
+            }
+        };
+        let seen = horizon.epochs.rows(epoch).len();
+        let expected = Expected { nadir, spread };
+        let fitted = horizon.epochs.fit(epoch, &horizon.noise, self.robust, &expected);
+        let Some(fitted) = fitted else {
+            return Report { rows: [seen, 0], ..nothing() };
+        };
+        let zero = [T::zero(); 2];
+        let infinite = T::splat(f64::INFINITY);
+        let outcome = filter.update::<_, T, 6, 2>(belief, &NadirPlane, &fitted.given, &zero, infinite);
+        let report = Report::from(outcome);
+        Report { dof: fitted.rank, rows: [seen, if report.accepted { fitted.used } else { 0 }], ..report }
+    }
+}
+
+/// A report on an epoch of which no angle could be used.
+fn nothing() -> Report {
+    let innovation = [f64::NAN; MAX_DOF];
+    let covariance = [[f64::NAN; MAX_DOF]; MAX_DOF];
+    Report { ok: true, accepted: false, dof: 2, nis: f64::NAN, innovation, covariance, rows: [0, 0] }
+}
+
+impl Sensors<Euclidean<6>, 6> for CelestialSensors<'_> {
+    #[inline(always)]
+    fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    #[inline(always)]
+    fn time(&self, i: usize) -> f64 {
+        self.order[i].t
+    }
+
+    #[inline(always)]
+    fn update<F: Filter, T: Real<Mask = bool>>(
+        &self,
+        i: usize,
+        filter: &F,
+        belief: &mut F::Belief<Euclidean<6>, T, 6>,
+    ) -> Report {
+        let Item { sensor, place, .. } = self.order[i];
+        match &self.sources[sensor] {
+            Source::Horizon(h) if h.how == Use::Together => self.together::<F, T>(h, place, filter, belief),
+            Source::Horizon(h) => {
+                let (star, angle) = h.epochs.sight(place);
+                let given = StarGiven { star: star.map(T::splat), sigma: T::splat(h.noise.variance().sqrt()) };
+                let sensor = StarAngle { shape: h.noise.shape };
+                filter.update::<_, T, 6, 1>(belief, &sensor, &given, &[T::splat(angle)], T::splat(self.gates[0])).into()
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn log_likelihood<T: Real>(&self, i: usize, x: &[T; 6]) -> T {
+        let r = [x[0], x[1], x[2]];
+        let inverse = dot3(&r, &r).sqrt().recip();
+        let nadir = r.map(|c| -(c * inverse));
+        let Item { sensor, place, .. } = self.order[i];
+        match &self.sources[sensor] {
+            Source::Horizon(h) => {
+                let rows = if h.how == Use::Together { h.epochs.rows(place) } else { place..place + 1 };
+                h.epochs.log_density(rows, &h.noise, &nadir)
+            }
+        }
+    }
+}

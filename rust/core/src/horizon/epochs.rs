@@ -1,0 +1,423 @@
+//! The angles of a log, epoch by epoch, and what those of one epoch say together.
+//!
+//! Angles to known stars say nothing of the position but the direction of the nadir, two numbers however
+//! many stars there are. So the angles of an epoch are fitted by a nadir direction, and the filters see
+//! that: one small update instead of one for each star, with nothing lost.
+
+use super::angle::PlaneGiven;
+use super::noise::AngleNoise;
+use crate::error::{Error, Result};
+use crate::linalg::Matrix;
+use crate::quaternion::{cross, dot3, tangents};
+use crate::scalar::{Mask, Real};
+
+/// Angles between stars and the nadir: rows of the same time are one epoch.
+#[derive(Clone, Copy, Debug)]
+pub struct AngleSeries<'a> {
+    /// Times, s, not decreasing.
+    pub t: &'a [f64],
+    /// Unit vectors to the stars, GCRS.
+    pub star: &'a [[f64; 3]],
+    /// Angles, rad.
+    pub angle: &'a [f64],
+}
+
+/// A star's direction and its measured angle.
+#[derive(Clone, Copy, Debug)]
+struct Sight {
+    star: [f64; 3],
+    cos: f64,
+    sin: f64,
+}
+
+/// Angles by epochs, ready for filters.
+#[derive(Clone, Debug, Default)]
+pub struct Epochs {
+    t: Vec<f64>,
+    /// First sight of each epoch, and the end.
+    begin: Vec<usize>,
+    sights: Vec<Sight>,
+}
+
+/// How angles that do not fit are treated; each is held against its own prediction.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Robust {
+    /// All are used.
+    #[default]
+    No,
+    /// Those whose squared, normalised innovation is above the number are left out.
+    Gate(f64),
+    /// The variance of those whose normalised innovation is above the number grows in proportion to it
+    /// (Huber, *Robust estimation of a location parameter*, 1964).
+    Huber(f64),
+}
+
+/// A nadir direction that an epoch's angles have given.
+#[derive(Clone, Copy, Debug)]
+pub struct Fitted<T> {
+    /// Axes across the direction, and the covariance of its components along them.
+    pub given: PlaneGiven<T>,
+    /// Angles that were used.
+    pub used: usize,
+    /// Directions that they fix: 2, or 1.
+    pub rank: usize,
+}
+
+/// What a filter expects of the nadir.
+#[derive(Clone, Copy, Debug)]
+pub struct Expected<T: Real> {
+    /// Unit vector.
+    pub nadir: [T; 3],
+    /// Covariance of the position over the squared distance, rad².
+    pub spread: Matrix<T, 3, 3>,
+}
+
+/// Gauss-Newton on two numbers.
+const ITERATIONS: usize = 20;
+/// A step below this part of an angle's own standard deviation changes nothing that could be seen.
+const SMALL: f64 = 1e-3;
+/// Longest step, rad.
+const LONGEST: f64 = 0.1;
+/// What an axis that the angles do not fix is held to, relative to the one they do.
+const FLOOR: f64 = 1e-9;
+/// Below this ratio of the squared extents of an epoch's stars their second direction counts for nothing.
+const FLAT: f64 = 1e-7;
+
+impl Epochs {
+    /// # Errors
+    /// `Length`, `NotIncreasing`, or `Parameter` for what is no unit vector or no angle.
+    pub fn new(series: &AngleSeries<'_>) -> Result<Self> {
+        let mut out = Self::default();
+        out.fill(series)?;
+        Ok(out)
+    }
+
+    /// [`Self::new`] into memory that is there.
+    ///
+    /// # Errors
+    /// See [`Self::new`].
+    pub fn fill(&mut self, series: &AngleSeries<'_>) -> Result<()> {
+        for (field, found) in [("horizon.star", series.star.len()), ("horizon.angle", series.angle.len())] {
+            if found != series.t.len() {
+                return Err(Error::Length { field, expected: series.t.len(), found });
+            }
+        }
+        self.t.clear();
+        self.begin.clear();
+        self.sights.clear();
+        for (row, ((t, star), angle)) in series.t.iter().zip(series.star).zip(series.angle).enumerate() {
+            match self.t.last() {
+                Some(last) if t == last => {}
+                Some(last) if t.partial_cmp(last) != Some(std::cmp::Ordering::Greater) => {
+                    return Err(Error::NotIncreasing { field: "horizon.t", row, previous: *last, value: *t });
+                }
+                _ if !t.is_finite() => {
+                    return Err(Error::Parameter { field: "horizon.t", value: *t, need: "must be finite" });
+                }
+                _ => {
+                    self.t.push(*t);
+                    self.begin.push(row);
+                }
+            }
+            if !((dot3(star, star) - 1.0).abs() < 1e-6) {
+                let need = "is the length of a star's vector, which must be a unit vector";
+                return Err(Error::Parameter { field: "horizon.star", value: dot3(star, star).sqrt(), need });
+            }
+            if !(0.0..=std::f64::consts::PI).contains(angle) {
+                let need = "must be an angle between 0 and pi rad";
+                return Err(Error::Parameter { field: "horizon.angle", value: *angle, need });
+            }
+            let (sin, cos) = angle.sin_cos();
+            self.sights.push(Sight { star: *star, cos, sin });
+        }
+        self.begin.push(self.sights.len());
+        Ok(())
+    }
+
+    /// Times of the epochs, s.
+    pub fn times(&self) -> &[f64] {
+        &self.t
+    }
+
+    /// Rows of an epoch in the log.
+    #[inline(always)]
+    pub fn rows(&self, epoch: usize) -> std::ops::Range<usize> {
+        self.begin[epoch]..self.begin[epoch + 1]
+    }
+
+    /// Star and angle of a row of the log.
+    #[inline(always)]
+    pub fn sight(&self, row: usize) -> ([f64; 3], f64) {
+        let s = &self.sights[row];
+        (s.star, s.sin.atan2(s.cos))
+    }
+
+    /// Fits a nadir direction to the angles of an epoch, from the one that is expected. None where no angle
+    /// is left to use.
+    #[inline(always)]
+    pub fn fit<T: Real>(
+        &self,
+        epoch: usize,
+        noise: &AngleNoise,
+        robust: Robust,
+        expected: &Expected<T>,
+    ) -> Option<Fitted<T>> {
+        let rows = self.rows(epoch);
+        let mut nadir = expected.nadir;
+        let mut sums = self.sums(rows.clone(), noise, &nadir, (robust, expected));
+        if sums.used == 0 {
+            return None;
+        }
+        let tolerance = T::splat((SMALL * noise.own) * (SMALL * noise.own));
+        for _ in 0..ITERATIONS {
+            let inverse = sums.inverse();
+            let mut step = [
+                inverse[0] * sums.gradient[0] + inverse[1] * sums.gradient[1],
+                inverse[1] * sums.gradient[0] + inverse[2] * sums.gradient[1],
+            ];
+            let square = step[0] * step[0] + step[1] * step[1];
+            let part = T::splat(LONGEST) * square.sqrt().recip();
+            let part = T::select(part.gt(T::one()), T::one(), part);
+            // without a step there is no direction to cut
+            let part = T::select(square.gt(T::zero()), part, T::one());
+            step = [step[0] * part, step[1] * part];
+            let mut moved = nadir;
+            for i in 0..3 {
+                moved[i] = step[1].mul_add(sums.axes[1][i], step[0].mul_add(sums.axes[0][i], nadir[i]));
+            }
+            let length = dot3(&moved, &moved).sqrt().recip();
+            nadir = [moved[0] * length, moved[1] * length, moved[2] * length];
+            // which angles are used is settled before the first step
+            sums = self.sums(rows.clone(), noise, &nadir, (robust, expected));
+            if tolerance.gt(square).all() {
+                break;
+            }
+        }
+        Some(sums.fitted(noise))
+    }
+
+    /// Normal equations of the angles about a nadir direction, stars side by side.
+    #[inline(always)]
+    fn sums<T: Real>(
+        &self,
+        rows: std::ops::Range<usize>,
+        noise: &AngleNoise,
+        nadir: &[T; 3],
+        (robust, expected): (Robust, &Expected<T>),
+    ) -> Sums<T> {
+        let axes = tangents(nadir);
+        let lifted = |v: &[T; 3]| [v[0].stack(), v[1].stack(), v[2].stack()];
+        let (down, across) = (lifted(nadir), [lifted(&axes[0]), lifted(&axes[1])]);
+        let zero = T::Pack::zero();
+        let (mut aa, mut ab, mut bb, mut ga, mut gb) = (zero, zero, zero, zero, zero);
+        let mut used = 0;
+        let own = 1.0 / (noise.own * noise.own);
+        let mut first = rows.start;
+        while first < rows.end {
+            let pack = self.pack::<T>(first, rows.end);
+            let (left, sine) = pack.left(&down);
+            let inverse = sine.recip();
+            let e = [-dot3(&pack.star, &across[0]) * inverse, -dot3(&pack.star, &across[1]) * inverse];
+            // a star at the nadir or the zenith has no derivative, and says nothing to first order
+            let seen = sine.gt(T::Pack::splat(1e-9));
+            let weight = T::Pack::select(seen, pack.filled * own, zero);
+            let weight = weight * pack.trust::<T>(robust, expected, noise);
+            let e = [T::Pack::select(seen, e[0], zero), T::Pack::select(seen, e[1], zero)];
+            aa = (weight * e[0]).mul_add(e[0], aa);
+            ab = (weight * e[0]).mul_add(e[1], ab);
+            bb = (weight * e[1]).mul_add(e[1], bb);
+            ga = (weight * e[0]).mul_add(left, ga);
+            gb = (weight * e[1]).mul_add(left, gb);
+            for slot in 0..T::WIDTH {
+                used += usize::from(T::extract(weight, slot).lane(0) > 0.0);
+            }
+            first += T::WIDTH;
+        }
+        let squares = [T::total(aa), T::total(ab), T::total(bb)];
+        Sums { axes, squares, gradient: [T::total(ga), T::total(gb)], used }
+    }
+
+    /// Sights from one on, side by side; slots beyond the end repeat the first one, with no weight.
+    #[inline(always)]
+    fn pack<T: Real>(&self, first: usize, end: usize) -> SightPack<T::Pack> {
+        let at = |slot: usize| if first + slot < end { first + slot } else { first };
+        let get = |f: fn(&Sight) -> f64| {
+            T::gather(
+                #[inline(always)]
+                |slot| T::splat(f(&self.sights[at(slot)])),
+            )
+        };
+        SightPack {
+            star: [get(|s| s.star[0]), get(|s| s.star[1]), get(|s| s.star[2])],
+            cos: get(|s| s.cos),
+            sin: get(|s| s.sin),
+            filled: T::gather(
+                #[inline(always)]
+                |slot| if first + slot < end { T::one() } else { T::zero() },
+            ),
+        }
+    }
+
+    /// Logarithm of the density of angles of one epoch at a nadir direction, but for a constant.
+    #[inline(always)]
+    pub fn log_density<T: Real>(&self, rows: std::ops::Range<usize>, noise: &AngleNoise, nadir: &[T; 3]) -> T {
+        let axes = tangents(nadir);
+        let mut sum = T::zero();
+        let (mut squares, mut gradient) = ([T::zero(); 3], [T::zero(); 2]);
+        for sight in &self.sights[rows] {
+            let one = SightPack::<T> {
+                star: sight.star.map(T::splat),
+                cos: T::splat(sight.cos),
+                sin: T::splat(sight.sin),
+                filled: T::one(),
+            };
+            let (left, sine) = one.left(nadir);
+            sum += noise.shape.log_density(left, noise.own);
+            if noise.shared > 0.0 {
+                let seen = sine.gt(T::splat(1e-9));
+                let inverse = T::select(seen, sine, T::one()).recip() * (1.0 / noise.own);
+                let e = [dot3(&one.star, &axes[0]) * inverse, dot3(&one.star, &axes[1]) * inverse];
+                let left = T::select(seen, left * (-1.0 / noise.own), T::zero());
+                squares[0] += e[0] * e[0];
+                squares[1] += e[0] * e[1];
+                squares[2] += e[1] * e[1];
+                gradient[0] += e[0] * left;
+                gradient[1] += e[1] * left;
+            }
+        }
+        if noise.shared > 0.0 {
+            // (σ² I + s² E Eᵀ)⁻¹ by Woodbury's formula; its determinant hardly depends on the direction
+            let prior = T::splat(1.0 / (noise.shared * noise.shared));
+            let [aa, ab, bb] = [squares[0] + prior, squares[1], squares[2] + prior];
+            let inverse = (aa * bb - ab * ab).recip();
+            let [a, b] = gradient;
+            let quadratic = (bb * a * a - ab * a * b * 2.0 + aa * b * b) * inverse;
+            sum += quadratic * 0.5;
+        }
+        sum
+    }
+}
+
+/// Stars side by side.
+struct SightPack<P> {
+    star: [P; 3],
+    cos: P,
+    sin: P,
+    filled: P,
+}
+
+impl<P: Real> SightPack<P> {
+    /// Measured angle less the one at a nadir direction, and the sine of that.
+    #[inline(always)]
+    fn left(&self, nadir: &[P; 3]) -> (P, P) {
+        let across = cross(&self.star, nadir);
+        let sine = dot3(&across, &across).sqrt();
+        let cosine = dot3(&self.star, nadir);
+        let s = self.sin.mul_add(cosine, -(self.cos * sine));
+        let c = self.cos.mul_add(cosine, self.sin * sine);
+        (small_angle(s, c), sine)
+    }
+
+    /// How far each angle is trusted: from 0, not at all, to 1.
+    #[inline(always)]
+    fn trust<T: Real<Pack = P>>(&self, robust: Robust, expected: &Expected<T>, noise: &AngleNoise) -> P {
+        let one = P::one();
+        let limit = match robust {
+            Robust::No => return one,
+            Robust::Gate(limit) | Robust::Huber(limit) => limit,
+        };
+        let down = expected.nadir.map(T::stack);
+        let (left, sine) = self.left(&down);
+        let along = dot3(&self.star, &down);
+        let inverse = P::select(sine.gt(P::splat(1e-9)), sine, one).recip();
+        let mut gradient = [P::zero(); 3];
+        for i in 0..3 {
+            gradient[i] = (along * down[i] - self.star[i]) * inverse;
+        }
+        let mut variance = P::splat(noise.variance());
+        for i in 0..3 {
+            for j in 0..3 {
+                variance = (gradient[i] * gradient[j]).mul_add(expected.spread[(i, j)].stack(), variance);
+            }
+        }
+        let square = left * left * variance.recip();
+        match robust {
+            Robust::Gate(_) => P::select(square.gt(P::splat(limit)), P::zero(), one),
+            _ => P::select(square.gt(P::splat(limit * limit)), square.sqrt().recip() * limit, one),
+        }
+    }
+}
+
+/// The angle of a sine and a cosine: a series while every lane is small.
+#[inline(always)]
+fn small_angle<T: Real>(sine: T, cosine: T) -> T {
+    const ASIN: [f64; 5] = [35.0 / 1152.0, 5.0 / 112.0, 3.0 / 40.0, 1.0 / 6.0, 1.0];
+    let square = sine * sine;
+    let small = T::splat(1e-3).gt(square).and(cosine.gt(T::zero()));
+    if small.all() {
+        return sine * square.poly(ASIN);
+    }
+    T::from_lanes(
+        #[inline(always)]
+        |i| sine.lane(i).atan2(cosine.lane(i)),
+    )
+}
+
+/// Normal equations of an epoch.
+struct Sums<T> {
+    axes: [[T; 3]; 2],
+    /// Information about the components along the axes `(aa, ab, bb)`.
+    squares: [T; 3],
+    gradient: [T; 2],
+    used: usize,
+}
+
+impl<T: Real> Sums<T> {
+    /// Inverse of the information. An axis that the stars do not fix is held, loosely enough not to count.
+    #[inline(always)]
+    fn inverse(&self) -> [T; 3] {
+        let floor = (self.squares[0] + self.squares[2]) * FLOOR;
+        let [aa, ab, bb] = [self.squares[0] + floor, self.squares[1], self.squares[2] + floor];
+        let inverse = (aa * bb - ab * ab).recip();
+        [bb * inverse, -ab * inverse, aa * inverse]
+    }
+
+    /// The axes turned so that the first one is the one that is fixed.
+    #[inline(always)]
+    fn principal(&self) -> [[T; 3]; 2] {
+        let [aa, ab, bb] = self.squares;
+        let turn = |f: fn(f64) -> f64| {
+            T::from_lanes(
+                #[inline(always)]
+                |i| f(0.5 * (ab.lane(i) * 2.0).atan2(aa.lane(i) - bb.lane(i))),
+            )
+        };
+        let (sin, cos) = (turn(f64::sin), turn(f64::cos));
+        let [u, v] = self.axes;
+        let mut axes = [u, v];
+        for i in 0..3 {
+            axes[0][i] = cos * u[i] + sin * v[i];
+            axes[1][i] = cos * v[i] - sin * u[i];
+        }
+        axes
+    }
+
+    /// Covariance along them.
+    #[inline(always)]
+    fn along_principal(&self) -> [T; 3] {
+        let trace = self.squares[0] + self.squares[2];
+        [trace.recip(), T::zero(), (trace * FLOOR).recip()]
+    }
+
+    #[inline(always)]
+    fn fitted(&self, noise: &AngleNoise) -> Fitted<T> {
+        let shared = T::splat(noise.shared * noise.shared);
+        let trace = self.squares[0] + self.squares[2];
+        let determinant = self.squares[0] * self.squares[2] - self.squares[1] * self.squares[1];
+        let flat = (trace * trace * FLAT).gt(determinant).any();
+        let axes = if flat { self.principal() } else { self.axes };
+        let [aa, ab, bb] = if flat { self.along_principal() } else { self.inverse() };
+        let given = PlaneGiven { axes, noise: [aa + shared, ab, bb + shared] };
+        Fitted { given, used: self.used, rank: if flat { 1 } else { 2 } }
+    }
+}
