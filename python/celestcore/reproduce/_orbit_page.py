@@ -71,10 +71,11 @@ FIGURES = (
 )
 TABLE_NOTE = (
     "In each cell ours stands above and the paper's figure below it (small), where it has one. "
-    "Means over the runs; “± run” is the standard deviation of a single run. Positions in m, "
-    "velocities in m/s, from 200 min on. NEES / 6 is 1 where a filter's errors are as large as it "
-    "says; for J2 it is printed and not asked, as that process noise was chosen for accuracy. The "
-    "paper's figures stand beside noise A; beside noise B there is none to compare with."
+    "Means over the runs; ± is the standard deviation of the mean error from run to run. "
+    "Positions in m, velocities in m/s, from 200 min on. NEES / 6 is 1 where a filter's errors "
+    "are as large as it says; for J2 it is printed and not asked, as that process noise was "
+    "chosen for accuracy. The paper's figures stand beside noise A; beside noise B there is none "
+    "to compare with."
 )
 
 

@@ -11,20 +11,39 @@ import numpy as np
 from celestcore.reproduce import _orbit_paper as paper
 from celestcore.reproduce._html import csv_dicts, grid
 from celestcore.reproduce._orbit_model import FILTERS, OUTLIERS, PERIODS, PUBLISHED, Cell
-from celestcore.reproduce._orbit_scores import MEAN_OVER_RMS, Scores, bound_of, row
+from celestcore.reproduce._orbit_scores import DOF, MEAN_OVER_RMS, Scores, bound_of, row
 from celestcore.reproduce._orbit_targets import WORDS
 
 if TYPE_CHECKING:
     from celestcore.reproduce.celestial_orbit import Result
 
 COLUMNS = (
-    ("mean pos.", "mean_position", "mean_pos"),
-    ("max pos.", "max_position", "max_pos"),
-    ("mean vel.", "mean_velocity", "mean_vel"),
-    ("max vel.", "max_velocity", "max_vel"),
+    ("pos. ± run", "mean_position", "mean_pos"),
+    ("max", "max_position", "max_pos"),
+    ("vel.", "mean_velocity", "mean_vel"),
+    ("max", "max_velocity", "max_vel"),
 )
-LOST = 1e6
-"""A position error beyond this [m] is shown in km, as of a filter that is lost."""
+SHORT = {
+    "ekf_taylor": "EKF, Taylor step",
+    "ekf": "EKF",
+    "ukf": "UKF",
+    "srukf": "square-root UKF",
+    "upf": "UPF, one proposal",
+    "upf_literal": "UPF, literal",
+    "upf_bank": "UPF, bank of UKFs",
+    "score": "score filter",
+    "score_21x21": "score filter, 21×21",
+    "ekf_gated": "EKF, gated",
+    "huber": "EKF, Huber",
+    "bootstrap": "bootstrap filter",
+    "ekf_8x8": "EKF, 8×8",
+    "ekf_21x21": "EKF, 21×21",
+    "smoothed_21x21": "smoothed, 21×21",
+}
+LOST = 1e5
+"""A position error beyond this [m] is shown in km."""
+MUCH = 1000.0
+"""NEES / 6 beyond this is only said to be."""
 
 
 def csv_tables(result: Result) -> dict[str, str]:
@@ -43,14 +62,13 @@ def csv_tables(result: Result) -> dict[str, str]:
 
 def overview(result: Result) -> str:
     """Return mean position errors by filter and period, noise A and B, with the bounds."""
-    head = ["mean position error [m]"]
+    head = ["mean position error [m]; noise, T"]
     for noise in "AB":
-        head += [f"{noise}, T = {p:g} s" for p in PERIODS]
+        head += [f"{noise}, {p:g}\u00a0s" for p in PERIODS]
     cells = [Cell(p, noise) for noise in "AB" for p in PERIODS]
     rows = [
-        [label, *(_length(result.cells[cell][name].mean()) for cell in cells)]
-        for name, label in FILTERS.items()
-        if all(name in result.cells[cell] for cell in cells)
+        [SHORT[name], *(_length(result.cells[cell][name].mean()) for cell in cells)]
+        for name in FILTERS
     ]
     for what, name in (("any filter", "ekf_21x21"), ("any smoother", "smoothed_21x21")):
         limits = [bound_of(name, result.bounds.get(cell)) for cell in cells]
@@ -72,19 +90,17 @@ def distribution_table(result: Result) -> str:
 
 def _table(result: Result, groups: Sequence[tuple[str, Cell]]) -> str:
     names = [name for name in FILTERS if all(name in result.cells[c] for _, c in groups)]
-    extra = ("± run", "NEES / 6")
+    titles = [*(title for title, _, _ in COLUMNS), "NEES/6"]
     heads = "".join(
-        f'<th colspan="{len(COLUMNS) + len(extra)}" class="group">{escape(title)}</th>'
-        for title, _ in groups
+        f'<th colspan="{len(titles)}" class="group">{escape(title)}</th>' for title, _ in groups
     )
-    titles = [title for title, _, _ in COLUMNS]
     sub = "".join(
         f'<th class="{"first" if k == 0 else ""}">{escape(text)}</th>'
         for _ in groups
-        for k, text in enumerate((titles[0], *extra, *titles[1:]))
+        for k, text in enumerate(titles)
     )
     lines = "".join(
-        f'<tr><th style="text-align:left">{escape(FILTERS[name])}</th>'
+        f'<tr><th style="text-align:left">{escape(SHORT[name])}</th>'
         + "".join(_cells(result.cells[cell][name], cell, name) for _, cell in groups)
         + "</tr>"
         for name in names
@@ -101,17 +117,15 @@ def _cells(scores: Scores, cell: Cell, name: str) -> str:
     printed = paper.row(cell.period, cell.distribution, column)
     out = []
     for k, (_, key, of_paper) in enumerate(COLUMNS):
-        value = scores.mean(key)
-        ours = _length(value) if key.endswith("position") else f"{value:.3f}"
-        text = f"<b>{ours}</b>" if k == 0 else ours
+        position = key.endswith("position")
+        ours = _length(scores.mean(key)) if position else f"{scores.mean(key):.3f}"
+        text = f"<b>{ours}</b> ± {_length(scores.scatter())}" if k == 0 else ours
         if printed is not None:
             theirs = getattr(printed, of_paper)
-            shown = f"{theirs:.0f}" if key.endswith("position") else f"{theirs:.3f}"
-            text += f"<br><small>{shown}</small>"
+            text += f"<br><small>{theirs:.{0 if position else 3}f}</small>"
         out.append(f'<td class="{"first" if k == 0 else ""}">{text}</td>')
-        if k == 0:
-            nees = f"{scores.mean('nees') / 6.0:.2f}" if scores.mean("nees") < 6e3 else "&gt; 1000"
-            out.append(f"<td>{_length(scores.scatter())}</td><td>{nees}</td>")
+    nees = scores.mean("nees") / DOF
+    out.append(f"<td>{nees:.2f}</td>" if nees < MUCH else f"<td>&gt; {MUCH:.0f}</td>")
     return "".join(out)
 
 

@@ -39,11 +39,7 @@ def targets(result: Result) -> list[Target]:
         _at_most_8x8(result),
         *(_most(result, "upf", "UPF", law, most) for law, most in UPF_MOST.items()),
         *(_most(result, "score", "score filter", law, most) for law, most in SCORE_MOST.items()),
-        *(
-            _bound(result, name, noise)
-            for name in BOUNDED
-            for noise in NOISES
-        ),
+        *(_bound(result, name, noise) for name in BOUNDED for noise in NOISES),
         *(_nees(result, name, noise) for name in CONSISTENT for noise in NOISES),
         *_cost(result),
         _outliers(result),
