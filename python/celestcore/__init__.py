@@ -37,7 +37,15 @@ from celestcore.errors import (
     MissingDependencyError,
     NumericalError,
 )
-from celestcore.filters import EKF, SRUKF, UKF, InvariantEKF, IteratedEKF, LiteralUKF
+from celestcore.filters import (
+    EKF,
+    SRUKF,
+    UKF,
+    InvariantEKF,
+    IteratedEKF,
+    LiteralUKF,
+    ScoreEKF,
+)
 from celestcore.io import read_log, write_log
 from celestcore.log import SensorLog
 from celestcore.montecarlo import MonteCarlo, monte_carlo
@@ -67,6 +75,7 @@ __all__ = [
     "MonteCarlo",
     "NumericalError",
     "OrbitSolution",
+    "ScoreEKF",
     "SensorLog",
     "Settings",
     "Solution",

@@ -124,6 +124,7 @@ def celestial_run(
     setup: Mapping[str, Any],
     times: _Array,
     horizon: tuple[_Array, _Array, _Array] | None,
+    refraction: tuple[_Array, _Array, _Array] | None,
     start: tuple[float, Sequence[float], _Array],
     every: int,
     covariance: bool,
@@ -131,6 +132,23 @@ def celestial_run(
     portable: bool,
     progress: Callable[[int, int], object] | None,
 ) -> dict[str, Any]: ...
+def sky_visible(
+    field: Mapping[str, Any], stars: _Array, r: _Array, v: _Array
+) -> tuple[Any, Any]: ...
+def celestial_simulate(
+    flight: Mapping[str, Any], seed: int, trial: int
+) -> tuple[_Array, list[float]]: ...
+def celestial_monte_carlo(
+    flight: Mapping[str, Any],
+    estimators: Sequence[Mapping[str, Any]],
+    seed: int,
+    first: int,
+    count: int,
+    skip: float,
+    threads: int,
+    portable: bool,
+    progress: Callable[[int, int], object] | None,
+) -> list[dict[str, Any]]: ...
 
 @final
 class Update:
@@ -177,3 +195,22 @@ class AttitudeStream:
     def _smoothed(self) -> tuple[_Array, _Array, _Array, _Array]: ...
     def _snapshot(self) -> _Snapshot: ...
     def _restore(self, parts: Any) -> None: ...
+
+@disjoint_base
+class OrbitStream:
+    def __new__(
+        cls,
+        setup: Mapping[str, Any],
+        t: float,
+        state: Sequence[float],
+        covariance: _Array,
+    ) -> Self: ...
+    @property
+    def t(self) -> float: ...
+    @property
+    def state(self) -> _Array: ...
+    @property
+    def covariance(self) -> _Array: ...
+    def predict(self, t: float) -> None: ...
+    def update_horizon(self, star: _Array, angle: _Array) -> Update: ...
+    def update_refraction(self, star: _Array, angle: _Array) -> Update: ...

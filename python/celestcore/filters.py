@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from celestcore._check import number
 from celestcore.errors import InputError
 
-__all__ = ["EKF", "SRUKF", "UKF", "InvariantEKF", "IteratedEKF", "LiteralUKF"]
+__all__ = ["EKF", "SRUKF", "UKF", "InvariantEKF", "IteratedEKF", "LiteralUKF", "ScoreEKF"]
 
 _INTEGRATORS = ("exponential", "rk4")
 _STATES = 6
@@ -240,6 +240,31 @@ class SRUKF(UKF):
                 field="filter.beta",
                 value=float(self.beta),
             )
+
+
+@dataclass(frozen=True)
+class ScoreEKF:
+    """Score-function filter: an extended Kalman filter that knows the distribution of the noise.
+
+    Each angle corrects by the exact posterior mean and variance of what it measures, under the
+    distribution that `StarHorizon` gives it (Masreliez 1975). With normal noise it is the `EKF`;
+    with uniform noise it is far better than any filter that knows the variance alone.
+
+    Notes
+    -----
+    For orbits (`CelestialNavigator`). Angles are used one by one: a nadir direction combined from
+    several has no closed-form distribution.
+
+    Examples
+    --------
+    >>> ScoreEKF().kind
+    'score'
+    """
+
+    kind: ClassVar[str] = "score"
+
+    def _setup(self) -> dict[str, Any]:
+        return _setup(self.kind)
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,25 @@ Examples
 
 from __future__ import annotations
 
+from celestcore.celestial.camera import SkyCamera, StarsInView
 from celestcore.celestial.log import AngleTable, CelestialLog
 from celestcore.celestial.measurements import StarHorizon
+from celestcore.celestial.montecarlo import MonteCarlo, Pooled, Scores, monte_carlo
 from celestcore.celestial.navigator import CelestialNavigator
+from celestcore.celestial.scenario import Scenario
 from celestcore.celestial.solution import OrbitSolution
 
-__all__ = ["AngleTable", "CelestialLog", "CelestialNavigator", "OrbitSolution", "StarHorizon"]
+__all__ = [
+    "AngleTable",
+    "CelestialLog",
+    "CelestialNavigator",
+    "MonteCarlo",
+    "OrbitSolution",
+    "Pooled",
+    "Scenario",
+    "Scores",
+    "SkyCamera",
+    "StarHorizon",
+    "StarsInView",
+    "monte_carlo",
+]

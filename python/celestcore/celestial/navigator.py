@@ -11,11 +11,13 @@ from numpy.typing import ArrayLike
 from celestcore import _core
 from celestcore._arguments import LARGEST, checked, count, positive
 from celestcore._check import FloatArray, array, number, times, warn
+from celestcore._epoch import epoch_string
 from celestcore.celestial.log import CelestialLog
 from celestcore.celestial.measurements import StarHorizon
 from celestcore.celestial.solution import OrbitSolution
+from celestcore.celestial.stream import CelestialState
 from celestcore.errors import InputError
-from celestcore.filters import EKF, UKF, IteratedEKF
+from celestcore.filters import EKF, UKF, IteratedEKF, ScoreEKF
 from celestcore.orbit.dynamics import OrbitDynamics
 from celestcore.orbit.propagate import environment_of, position, velocity
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CelestialNavigator"]
 
-OrbitFilter: TypeAlias = EKF | UKF | IteratedEKF
+OrbitFilter: TypeAlias = EKF | UKF | IteratedEKF | ScoreEKF
 Sigma0: TypeAlias = "tuple[ArrayLike, ArrayLike]"
 START_SIGMA = (1e3, 1.0)
 """1-sigma of a start's position [m] and velocity [m/s] if none is given."""
@@ -39,7 +41,7 @@ class CelestialNavigator:
 
     Parameters
     ----------
-    filter : EKF, UKF, SRUKF or IteratedEKF
+    filter : EKF, UKF, SRUKF, IteratedEKF or ScoreEKF
         The filter.
     dynamics : OrbitDynamics
         Forces and their uncertainty.
@@ -81,7 +83,7 @@ class CelestialNavigator:
         huber: float | None = None,
         combine: bool = True,
     ) -> None:
-        self.filter: OrbitFilter = checked(filter, "filter", EKF, UKF, IteratedEKF)
+        self.filter: OrbitFilter = checked(filter, "filter", EKF, UKF, IteratedEKF, ScoreEKF)
         self.dynamics: OrbitDynamics = checked(dynamics, "dynamics", OrbitDynamics)
         given = measurements if isinstance(measurements, Sequence) else [measurements]
         self.measurements = tuple(checked(m, "measurements", StarHorizon) for m in given)
@@ -95,7 +97,12 @@ class CelestialNavigator:
             )
         if self.gate is not None and self.huber is not None:
             raise InputError("give gate or huber, not both", field="huber", value=huber)
-        self.combine = bool(combine)
+        self.combine = bool(combine) and not isinstance(filter, ScoreEKF)
+        self._check_outliers()
+
+    def _check_outliers(self) -> None:
+        if self.huber is not None and not self.combine:
+            raise InputError("weighs the angles that are combined", field="huber", value=self.huber)
 
     def __repr__(self) -> str:
         return (
@@ -260,6 +267,57 @@ class CelestialNavigator:
         from celestcore.celestial.montecarlo import monte_carlo
 
         return monte_carlo(scenario, self, trials, **options)
+
+    def start(
+        self,
+        t: float,
+        r: ArrayLike,
+        v: ArrayLike,
+        sigma0: Sigma0 | None = None,
+        covariance0: ArrayLike | None = None,
+        *,
+        epoch: Any = None,
+        until: float = 86400.0,
+    ) -> CelestialState:
+        """Start a filter that is fed epoch by epoch.
+
+        Parameters
+        ----------
+        t : float
+            Time of the start [s since `epoch`].
+        r, v : array_like (3,)
+            Position [m] and velocity [m/s] then, GCRS.
+        sigma0 : (position, velocity), optional
+            1-sigma of the start [m], [m/s]; 1 km and 1 m/s.
+        covariance0 : array_like (6, 6), optional
+            Full covariance of the start instead.
+        epoch : str, astropy Time or None
+            Where times count from; needed where a force depends on it.
+        until : float
+            How far beyond the start the tables of such forces reach [s].
+
+        Returns
+        -------
+        CelestialState
+
+        Raises
+        ------
+        InputError
+            Names the field and the value; also a filter that replays whole logs only.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> dynamics = cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), accel_psd=4e-7)
+        >>> nav = cc.CelestialNavigator(cc.UKF(), dynamics, cc.StarHorizon())
+        >>> nav.start(0.0, [7e6, 0, 0], [0, 0, 7.5e3], sigma0=(1e3, 1.0)).sigma
+        array([1000., 1000., 1000.,    1.,    1.,    1.])
+        """
+        begin = number(t, "t")
+        span = np.array([begin, begin + number(until, "until", above=0.0)])
+        tables = environment_of(self.dynamics.force, epoch_string(epoch), span, None)
+        start = [*position(r), *velocity(v)]
+        return CelestialState(self, begin, start, covariance_of(sigma0, covariance0), tables)
 
     @property
     def horizon(self) -> StarHorizon | None:

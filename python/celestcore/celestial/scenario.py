@@ -120,13 +120,161 @@ class Scenario:
                 raise InputError(f"is needed for {name}", field="orbit.epoch")
         for name, value in values.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "truth", _at_epochs(self.orbit, values["period"]))
+        checked(self.truth, "orbit", Trajectory)  # an epoch without a state is told of here
 
-    truth: Trajectory = None  # type: ignore[assignment]
+    @cached_property
+    def truth(self) -> Trajectory:
+        """The orbit at the epochs."""
+        t, period = self.orbit.t, self.period
+        n = int(np.floor((t[-1] - t[0]) / period + CLOSE))
+        if n < 1 or not (np.diff(t) > 0.0).all():
+            raise InputError("must go forward in time, over one period at least", field="orbit.t")
+        wanted = t[0] + period * np.arange(n + 1)
+        after = np.searchsorted(t, wanted).clip(1, len(t) - 1)
+        row = after - (wanted - t[after - 1] < t[after] - wanted)
+        far = np.abs(t[row] - wanted) > CLOSE * period
+        if far.any():
+            first = float(wanted[int(np.argmax(far))])
+            raise InputError(
+                f"has no state at the epoch {first!r} s; propagate it through all epochs",
+                field="orbit.t",
+            )
+        return self.orbit[row]
 
     @cached_property
     def stars(self) -> StarsInView:
-        """Which stars are seen when, with the catalogue's directions."""
-        truth = self.truth
-        return StarsInView.join([c.visible(truth.t, truth.r, truth.v) for c in self.cameras])
+        """Which stars are seen when, with the catalogue's directions.
 
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> orbit = cc.orbit.propagate(
+        ...     cc.orbit.ForceModel.j2(), None, [7e6, 0, 0], [0, 4e3, 6.4e3], [0.0, 3.0])
+        >>> sky = cc.celestial.SkyCamera(cc.StarCatalogue.random(5000))
+        >>> Scenario(orbit, sky, cc.StarHorizon(), period=3.0).stars
+        StarsInView(12 stars at 2 epochs, 0 of them without any)
+        """
+        truth = self.truth
+        return StarsInView.join([c.visible(truth.t, truth.r, truth.v) for c in self._cameras])
+
+    def log(self, seed: int = 0, trial: int = 0) -> CelestialLog:
+        """Return what is measured in one trial.
+
+        Parameters
+        ----------
+        seed : int
+            Chooses the random numbers of all trials, from 0 to 2**64 - 1.
+        trial : int
+            Number of the trial, from 0 to 2**56 - 1.
+
+        Returns
+        -------
+        CelestialLog
+            The same bits for the same seed and trial.
+
+        Raises
+        ------
+        InputError
+            Names the field and the value.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> orbit = cc.orbit.propagate(
+        ...     cc.orbit.ForceModel.j2(), None, [7e6, 0, 0], [0, 4e3, 6.4e3], [0.0, 3.0])
+        >>> sky = cc.celestial.SkyCamera(cc.StarCatalogue.random(5000))
+        >>> scenario = Scenario(orbit, sky, cc.StarHorizon(), period=3.0)
+        >>> once, again = scenario.log(seed=1, trial=7), scenario.log(seed=1, trial=7)
+        >>> bool((once.horizon.angle == again.horizon.angle).all())
+        True
+        """
+        angle, _ = self._simulated(seed, trial)
+        flight = self._described
+        return CelestialLog(
+            horizon=(flight["star_t"], flight["star"], angle), epoch=self.orbit.epoch
+        )
+
+    def start(self, seed: int = 0, trial: int = 0) -> tuple[FloatArray, FloatArray]:
+        """Return what estimators start from in one trial: the truth with an error.
+
+        Parameters
+        ----------
+        seed, trial : int
+            As in `log`.
+
+        Returns
+        -------
+        r0, v0 : ndarray (3,)
+            Position [m] and velocity [m/s] at the first epoch, GCRS; `start_sigma` is the 1-sigma
+            of their error.
+
+        Raises
+        ------
+        InputError
+            Names the field and the value.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> orbit = cc.orbit.propagate(
+        ...     cc.orbit.ForceModel.j2(), None, [7e6, 0, 0], [0, 4e3, 6.4e3], [0.0, 3.0])
+        >>> sky = cc.celestial.SkyCamera(cc.StarCatalogue.random(5000))
+        >>> scenario = Scenario(orbit, sky, cc.StarHorizon(), period=3.0, start_sigma=(1e-3, 1e-6))
+        >>> r0, v0 = scenario.start(seed=1)
+        >>> r0.round(0) + 0.0
+        array([7000000.,       0.,       0.])
+        """
+        _, state = self._simulated(seed, trial)
+        return np.asarray(state[:3]), np.asarray(state[3:])
+
+    @property
+    def _cameras(self) -> tuple[SkyCamera, ...]:
+        assert isinstance(self.cameras, tuple)
+        return self.cameras
+
+    def _simulated(self, seed: int, trial: int) -> tuple[FloatArray, list[float]]:
+        return _core.celestial_simulate(
+            self._described, whole(seed, "seed", 64), whole(trial, "trial", 56)
+        )
+
+    @cached_property
+    def _described(self) -> dict[str, Any]:
+        """What the core takes."""
+        stars, truth = self.stars, self.truth
+        return {
+            "t": truth.t,
+            "state": np.ascontiguousarray(truth.state),
+            "star_t": stars.t,
+            "star": self._displaced(self.corrected),
+            "apparent": self._displaced(self.aberration),
+            "noise": self.horizon._described(True)[:4],
+            "outliers": self.outliers,
+            "start_sigma": np.concatenate([positive(s, "start_sigma") for s in self.start_sigma]),
+        }
+
+    def _displaced(self, aberration: bool | str) -> FloatArray:
+        """Return the directions of the stars in view with an aberration."""
+        stars = self.stars
+        if not aberration:
+            return np.ascontiguousarray(stars.star)
+        from celestcore.frames import aberrate, earth_velocity
+
+        velocity = earth_velocity(self.orbit.epoch, self.truth.t)
+        if aberration == "annual+orbital":
+            velocity = velocity + self.truth.v
+        return np.ascontiguousarray(aberrate(stars.star, velocity[stars.epoch]))
+
+
+def _start_sigma(value: tuple[ArrayLike, ArrayLike]) -> tuple[tuple[float, ...], ...]:
+    if not isinstance(value, Sequence) or len(value) != 2:
+        raise InputError("needs (position [m], velocity [m/s])", field="start_sigma", value=value)
+    return tuple(tuple(positive(part, "start_sigma").tolist()) for part in value)
+
+
+def _outliers(value: tuple[float, float] | None) -> tuple[float, float] | None:
+    if value is None:
+        return None
+    pair = array(value, "outliers", (2,))
+    if not (0.0 <= pair[0] <= 1.0 and 0.0 <= pair[1] < np.inf):
+        raise InputError("needs (probability, 1-sigmas)", field="outliers", value=value)
+    return float(pair[0]), float(pair[1])

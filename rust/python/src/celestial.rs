@@ -7,11 +7,11 @@ use crate::orbit::force;
 use crate::stream::Update;
 use celestcore_core::Error;
 use celestcore_core::celestial::{
-    AnyFilter, CelestialSensors, Horizon, Log, Options, OrbitStream as Stream, Outliers, Results, Source, Use, run,
-    smooth,
+    AnyFilter, CelestialSensors, Horizon, Log, Options, OrbitStream as Stream, Outliers, Refraction, Results, Source,
+    Use, run, smooth,
 };
-use celestcore_core::filter::{Ekf, Iterated, SrUkf, Ukf, Unscented};
-use celestcore_core::horizon::{AngleNoise, AngleSeries, Epochs, Shape};
+use celestcore_core::filter::{Ekf, Iterated, Score, SrUkf, Ukf, Unscented};
+use celestcore_core::horizon::{AngleNoise, AngleSeries, Ellipsoid, Epochs, RefractionAngle, Shape};
 use celestcore_core::orbit::{OrbitModel, Scheme};
 use celestcore_core::replay::Start;
 use celestcore_core::scalar::Level;
@@ -53,6 +53,9 @@ pub(crate) struct Setup<'py> {
     /// Own and shared sigma, distribution and its number, whether an epoch's angles are used together.
     #[pyo3(item)]
     horizon: Option<(f64, f64, String, f64, bool)>,
+    /// Own sigma, relative sigma of the density, and for an oblate Earth its pole.
+    #[pyo3(item)]
+    refraction: Option<(f64, f64, Option<[f64; 3]>)>,
 }
 
 impl Setup<'_> {
@@ -66,6 +69,7 @@ impl Setup<'_> {
             "ekf" => Ok(AnyFilter::Ekf(Ekf { reset: self.reset })),
             "ukf" => weights().map(|weights| AnyFilter::Ukf(Ukf { weights })).map_err(|e| raise(py, e)),
             "srukf" => weights().and_then(SrUkf::new).map(AnyFilter::SrUkf).map_err(|e| raise(py, e)),
+            "score" => Ok(AnyFilter::Score(Score)),
             "iterated" => Ok(AnyFilter::Iterated(Iterated { iterations: self.iterations, tolerance: self.tolerance })),
             other => Err(input(py, &format!("filter = {other:?}: does not estimate orbits"))),
         }
@@ -84,6 +88,13 @@ impl Setup<'_> {
             "huber" => Outliers::Huber(self.outliers.1),
             _ => Outliers::Keep,
         }
+    }
+
+    /// The air, and the noise of refractions: own, and relative of the density.
+    pub(crate) fn refraction(&self) -> Option<(RefractionAngle, f64, f64)> {
+        let (sigma, density_sigma, pole) = self.refraction?;
+        let earth = pole.map_or(Ellipsoid::SPHERE, Ellipsoid::wgs84);
+        Some((RefractionAngle::standard(earth), sigma, density_sigma))
     }
 
     /// Noise of the angles and how they are used.
@@ -106,13 +117,14 @@ pub(crate) fn angle_noise(py: Python<'_>, (own, shared, shape, number): (f64, f6
 
 /// Orbit over a log; see `CelestialNavigator.run`. `horizon` is times, stars and angles of equal length.
 #[pyfunction]
-#[pyo3(signature = (setup, times, horizon, start, every, covariance, back, portable, progress))]
+#[pyo3(signature = (setup, times, horizon, refraction, start, every, covariance, back, portable, progress))]
 #[expect(clippy::too_many_arguments, reason = "called by the Python package alone")]
 fn celestial_run<'py>(
     py: Python<'py>,
     setup: Setup<'py>,
     times: Array<'py>,
     horizon: Option<(Array<'py>, Array<'py>, Array<'py>)>,
+    refraction: Option<(Array<'py>, Array<'py>, Array<'py>)>,
     start: (f64, [f64; 6], Array<'py>),
     every: usize,
     covariance: bool,
@@ -132,11 +144,21 @@ fn celestial_run<'py>(
         };
         epochs.fill(&series).map_err(|e| raise(py, e))?;
     }
-    let sources: Vec<_> = setup
-        .horizon(py)?
-        .map(|(noise, how)| Source::Horizon(Horizon { epochs: &epochs, noise, how }))
-        .into_iter()
-        .collect();
+    let (horizon_noise, air) = (setup.horizon(py)?, setup.refraction());
+    let mut sources = Vec::new();
+    if let (Some((noise, how)), Some(_)) = (horizon_noise, &horizon) {
+        sources.push(Source::Horizon(Horizon { epochs: &epochs, noise, how }));
+    }
+    if let (Some((model, sigma, density_sigma)), Some((t, star, angle))) = (&air, &refraction) {
+        sources.push(Source::Refraction(Refraction {
+            t: flat(t, "refraction.t")?,
+            star: rows(star, "refraction.star")?,
+            angle: flat(angle, "refraction.angle")?,
+            model,
+            sigma: *sigma,
+            density_sigma: *density_sigma,
+        }));
+    }
     let sensors = CelestialSensors::new(&sources, setup.outliers()).map_err(|e| raise(py, e))?;
     let start = Start { t, mean, covariance: p0, used: None };
     let options = Options { every, level: if portable { Level::Portable } else { Level::best() } };
@@ -185,10 +207,10 @@ fn columns(py: Python<'_>, results: Results) -> PyResult<Bound<'_, PyDict>> {
 
 /// An orbit that is estimated epoch by epoch; the Python package's `CelestialState` adds checks.
 #[pyclass(subclass, module = "celestcore._core")]
-#[derive(Clone)]
 struct OrbitStream {
     stream: Stream,
     horizon: Option<(AngleNoise, Use)>,
+    refraction: Option<(RefractionAngle, f64, f64)>,
     outliers: Outliers,
 }
 
@@ -198,7 +220,7 @@ impl OrbitStream {
     fn new(py: Python<'_>, setup: Setup<'_>, t: f64, state: [f64; 6], covariance: Array<'_>) -> PyResult<Self> {
         let p = matrix6(&covariance, "covariance0")?;
         let stream = Stream::new(setup.filter(py)?, setup.dynamics(py)?, t, state, p).map_err(|e| raise(py, e))?;
-        Ok(Self { stream, horizon: setup.horizon(py)?, outliers: setup.outliers() })
+        Ok(Self { stream, horizon: setup.horizon(py)?, refraction: setup.refraction(), outliers: setup.outliers() })
     }
     #[getter]
     fn t(&self) -> f64 {
@@ -222,14 +244,23 @@ impl OrbitStream {
         let (star, angle) = (rows(&star, "star")?, flat(&angle, "angle")?);
         let t = vec![self.stream.time(); angle.len()];
         let epochs = Epochs::new(&AngleSeries { t: &t, star, angle }).map_err(|e| raise(py, e))?;
-        let sources = [Source::Horizon(Horizon { epochs: &epochs, noise, how })];
-        let sensors = CelestialSensors::new(&sources, self.outliers).map_err(|e| raise(py, e))?;
-        let report = self.stream.update(&sensors).map_err(|e| raise(py, e))?;
-        Ok(Update { report })
+        update(py, &mut self.stream, Source::Horizon(Horizon { epochs: &epochs, noise, how }), self.outliers)
     }
-    fn copy(&self) -> Self {
-        self.clone()
+    fn update_refraction(&mut self, py: Python<'_>, star: Array<'_>, angle: Array<'_>) -> PyResult<Update> {
+        let Some((model, sigma, density_sigma)) = &self.refraction else {
+            return Err(input(py, "the navigator has no StarRefraction to tell the noise of these angles"));
+        };
+        let (star, angle) = (rows(&star, "star")?, flat(&angle, "angle")?);
+        let t = vec![self.stream.time(); angle.len()];
+        let table = Refraction { t: &t, star, angle, model, sigma: *sigma, density_sigma: *density_sigma };
+        update(py, &mut self.stream, Source::Refraction(table), self.outliers)
     }
+}
+
+fn update(py: Python<'_>, stream: &mut Stream, source: Source<'_>, outliers: Outliers) -> PyResult<Update> {
+    let sensors = CelestialSensors::new(&[source], outliers).map_err(|e| raise(py, e))?;
+    let report = stream.update(&sensors).map_err(|e| raise(py, e))?;
+    Ok(Update { report })
 }
 
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {

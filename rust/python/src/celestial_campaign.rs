@@ -123,8 +123,14 @@ fn celestial_simulate<'py>(
     Ok((PyArray1::from_vec(py, angle), start))
 }
 
-/// An estimator: filter, dynamics and sensors, and whether to smooth.
-type Estimated<'py> = (Setup<'py>, bool);
+/// An estimator as the Python package describes it.
+#[derive(FromPyObject)]
+struct Estimated<'py> {
+    #[pyo3(item)]
+    setup: Setup<'py>,
+    #[pyo3(item)]
+    smooth: bool,
+}
 
 /// Scores of trials `first`, `first + 1` … for each estimator.
 #[pyfunction]
@@ -143,7 +149,7 @@ fn celestial_monte_carlo<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     check_trials(py, first, count)?;
-    let made = |(setup, smooth): &Estimated<'_>| {
+    let made = |Estimated { setup, smooth }: &Estimated<'_>| {
         let (filter, dynamics) = (setup.filter(py)?, setup.dynamics(py)?);
         let (horizon, outliers) = (setup.horizon(py)?, setup.outliers());
         Ok(Estimator { filter, dynamics, horizon, outliers, smooth: *smooth })

@@ -42,8 +42,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     wahba::register(m)?;
     simulate::register(m)?;
     campaign::register(m)?;
-    celestial_campaign::register(m)?;
     orbit::register(m)?;
     celestial::register(m)?;
+    celestial_campaign::register(m)?;
     stream::register(m)
 }

@@ -11,7 +11,7 @@ mod stream;
 pub use campaign::{Campaign, Estimator, Flight, Score, Scored, Spread, monte_carlo};
 pub use results::Results;
 pub use run::{AnyFilter, Log, Options, run, smooth};
-pub use sensors::{CelestialSensors, Horizon, Outliers, Source, Use};
+pub use sensors::{CelestialSensors, Horizon, Outliers, Refraction, Source, Use};
 pub use simulate::{AngleScene, Blunders};
 pub use sky::{Seen, SkyField};
 pub use stream::OrbitStream;

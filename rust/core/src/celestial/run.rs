@@ -3,7 +3,7 @@
 use super::results::{Pass, Results};
 use super::sensors::CelestialSensors;
 use crate::error::Result;
-use crate::filter::{Ekf, Filter, Iterated, SrUkf, Ukf};
+use crate::filter::{Ekf, Filter, Iterated, Score, SrUkf, Ukf};
 use crate::manifold::{Euclidean, Family};
 use crate::model::Dynamics;
 use crate::orbit::{Nothing, OrbitModel};
@@ -21,6 +21,8 @@ pub enum AnyFilter {
     SrUkf(SrUkf),
     /// Extended Kalman filter that re-linearises the last interval.
     Iterated(Iterated),
+    /// Score-function filter; for angles used one by one.
+    Score(Score),
 }
 
 /// A satellite's dynamics and what it measured.
@@ -103,6 +105,7 @@ impl Call<'_> {
             AnyFilter::Ukf(f) => self.with(level, f),
             AnyFilter::SrUkf(f) => self.with(level, f),
             AnyFilter::Iterated(f) => self.with(Baseline, f),
+            AnyFilter::Score(f) => self.with(level, f),
         }
     }
 

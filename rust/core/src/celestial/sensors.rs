@@ -2,11 +2,14 @@
 
 use crate::belief::Belief;
 use crate::consistency::chi2_quantile;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::filter::Filter;
-use crate::horizon::{AngleNoise, Epochs, Expected, NadirPlane, Robust, StarAngle, StarGiven};
+use crate::horizon::{
+    AngleNoise, Epochs, Expected, NadirPlane, RefractionAngle, RefractionGiven, Robust, StarAngle, StarGiven,
+};
 use crate::linalg::{Matrix, from_fn, zeros};
 use crate::manifold::Euclidean;
+use crate::model::Measurement;
 use crate::quaternion::dot3;
 use crate::replay::{MAX_DOF, Report, Sensors};
 use crate::scalar::Real;
@@ -36,6 +39,35 @@ pub struct Horizon<'a> {
 pub enum Source<'a> {
     /// Angles between stars and the nadir.
     Horizon(Horizon<'a>),
+    /// Refractions of stars' light.
+    Refraction(Refraction<'a>),
+}
+
+/// Refraction angles of stars seen through the air.
+#[derive(Clone, Copy, Debug)]
+pub struct Refraction<'a> {
+    /// Times, s, not decreasing.
+    pub t: &'a [f64],
+    /// Unit vectors to the stars, GCRS, without refraction.
+    pub star: &'a [[f64; 3]],
+    /// Refractions, rad.
+    pub angle: &'a [f64],
+    /// The air.
+    pub model: &'a RefractionAngle,
+    /// Standard deviation of each angle's own error, rad.
+    pub sigma: f64,
+    /// Relative standard deviation of the air's density.
+    pub density_sigma: f64,
+}
+
+impl Refraction<'_> {
+    /// What is known of row `place` when the satellite is expected at `r`.
+    #[inline(always)]
+    fn given<T: Real>(&self, place: usize, r: &[T; 3]) -> RefractionGiven<T> {
+        let star = self.star[place].map(T::splat);
+        let density = self.model.ray(r, &star, T::one()).by_density * self.density_sigma;
+        RefractionGiven { star, sigma: T::splat(self.sigma), density }
+    }
 }
 
 /// A measurement of a log: its sensor, and its place there.
@@ -71,7 +103,7 @@ pub enum Outliers {
 
 impl<'a> CelestialSensors<'a> {
     /// # Errors
-    /// `Parameter` for a probability out of range.
+    /// `Parameter` for a probability out of range, `Length` for columns of different lengths.
     pub fn new(sources: &[Source<'a>], outliers: Outliers) -> Result<Self> {
         let mut order = Vec::new();
         for (sensor, source) in sources.iter().enumerate() {
@@ -84,6 +116,18 @@ impl<'a> CelestialSensors<'a> {
                             Use::OneByOne => order.extend(horizon.epochs.rows(epoch).map(item)),
                         }
                     }
+                }
+                Source::Refraction(table) => {
+                    let expected = table.t.len();
+                    for (field, found) in
+                        [("refraction.star", table.star.len()), ("refraction.angle", table.angle.len())]
+                    {
+                        if found != expected {
+                            return Err(Error::Length { field, expected, found });
+                        }
+                    }
+                    let item = |(place, t): (usize, &f64)| Item { t: *t, sensor, place };
+                    order.extend(table.t.iter().enumerate().map(item));
                 }
             }
         }
@@ -117,7 +161,7 @@ impl<'a> CelestialSensors<'a> {
         let Item { sensor, place, .. } = self.order[i];
         let row = match &self.sources[sensor] {
             Source::Horizon(h) if h.how == Use::Together => h.epochs.rows(place).start,
-            Source::Horizon(_) => place,
+            Source::Horizon(_) | Source::Refraction(_) => place,
         };
         (sensor, row)
     }
@@ -190,6 +234,12 @@ impl Sensors<Euclidean<6>, 6> for CelestialSensors<'_> {
                 let sensor = StarAngle { shape: h.noise.shape };
                 filter.update::<_, T, 6, 1>(belief, &sensor, &given, &[T::splat(angle)], T::splat(self.gates[0])).into()
             }
+            Source::Refraction(table) => {
+                let x = belief.mean();
+                let given = table.given(place, &[x[0], x[1], x[2]]);
+                let (z, gate) = ([T::splat(table.angle[place])], T::splat(self.gates[0]));
+                filter.update::<_, T, 6, 1>(belief, table.model, &given, &z, gate).into()
+            }
         }
     }
 
@@ -203,6 +253,12 @@ impl Sensors<Euclidean<6>, 6> for CelestialSensors<'_> {
             Source::Horizon(h) => {
                 let rows = if h.how == Use::Together { h.epochs.rows(place) } else { place..place + 1 };
                 h.epochs.log_density(rows, &h.noise, &nadir)
+            }
+            Source::Refraction(table) => {
+                let given = table.given(place, &r);
+                let left = T::splat(table.angle[place]) - table.model.predict(x, &given)[0];
+                let variance = table.model.noise(&given)[(0, 0)];
+                (left * left / variance + variance.map(f64::ln)) * -0.5
             }
         }
     }

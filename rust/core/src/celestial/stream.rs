@@ -31,7 +31,7 @@ impl OrbitStream {
         mean: [f64; 6],
         covariance: Matrix<f64, 6, 6>,
     ) -> Result<Self> {
-        if !matches!(filter, AnyFilter::Ekf(_) | AnyFilter::Ukf(_) | AnyFilter::SrUkf(_)) {
+        if !matches!(filter, AnyFilter::Ekf(_) | AnyFilter::Ukf(_) | AnyFilter::SrUkf(_) | AnyFilter::Score(_)) {
             return Err(Error::NotStreaming);
         }
         let mut out = Self { filter, dynamics, level: Level::best(), t, mean, covariance };
@@ -83,6 +83,7 @@ impl OrbitStream {
             AnyFilter::Ekf(f) => self.level.run(Job(job, f)),
             AnyFilter::Ukf(f) => self.level.run(Job(job, f)),
             AnyFilter::SrUkf(f) => self.level.run(Job(job, f)),
+            AnyFilter::Score(f) => self.level.run(Job(job, f)),
             AnyFilter::Iterated(_) => return Err(Error::NotStreaming),
         };
         let (report, mean, covariance) = made.ok_or(Error::NotPositiveDefinite { what, step: 0, t: self.t })?;

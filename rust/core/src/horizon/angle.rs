@@ -70,6 +70,19 @@ impl Measurement<6, 1> for StarAngle {
     fn noise<T: Real>(&self, given: &StarGiven<T>) -> Matrix<T, 1, 1> {
         from_fn(|_, _| given.sigma * given.sigma)
     }
+    #[inline(always)]
+    fn posterior<T: Real>(&self, y: T, s: T, given: &StarGiven<T>) -> (T, T) {
+        if self.shape == Shape::Normal {
+            let noise = given.sigma * given.sigma;
+            let gain = s / (s + noise);
+            return (y * gain, noise * gain);
+        }
+        let mut each = [(0.0, 0.0); 8];
+        for i in 0..T::LANES {
+            each[i] = self.shape.posterior(y.lane(i), s.lane(i), given.sigma.lane(i));
+        }
+        (T::from_lanes(|i| each[i].0), T::from_lanes(|i| each[i].1))
+    }
     /// `∂θ/∂r = (s − (s·u) u) / (|r| sin θ)`, with `u` the zenith. Not a number for a star at the zenith or
     /// the nadir, where the angle has no derivative.
     #[inline(always)]

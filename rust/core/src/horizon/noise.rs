@@ -1,6 +1,7 @@
 //! Errors of angles between stars and the nadir.
 
 use crate::error::{Error, Result};
+use crate::moments::{soft_uniform, student_t};
 use crate::scalar::Real;
 
 /// Distribution of an error, scaled to its standard deviation.
@@ -31,6 +32,26 @@ impl Shape {
             Self::Normal => 1.0,
             Self::StudentT { dof } => ((dof - 2.0) / dof).sqrt(),
             Self::Uniform { .. } => 3.0f64.sqrt(),
+        }
+    }
+
+    /// Posterior mean and variance of a signal that was normal about zero with variance `s`, once it is seen as
+    /// `y` with this error of standard deviation `sigma`.
+    pub fn posterior(&self, y: f64, s: f64, sigma: f64) -> (f64, f64) {
+        let scale = sigma * self.scale();
+        match self {
+            Self::Normal => {
+                let gain = s / (s + sigma * sigma);
+                (y * gain, sigma * sigma * gain)
+            }
+            Self::StudentT { dof } => {
+                let posterior = student_t(y, s, *dof, scale);
+                (posterior.mean, posterior.variance)
+            }
+            Self::Uniform { edge } => {
+                let posterior = soft_uniform(y, s, scale, edge * scale);
+                (posterior.mean, posterior.variance)
+            }
         }
     }
 
