@@ -322,7 +322,7 @@ def plot_trade(result: Trade, *, width: float = 10.0) -> Figure:
     >>> grid = np.ones((1, 2, 1))
     >>> made = Trade(("zenith",), np.array([15.0, 60.0]), ("J2",), np.array([5.5]),
     ...              110 * grid[..., 0], 250 * grid, 5 * grid, 15 * grid, 8, False)
-    >>> plot_trade(made).axes[0].get_title()
+    >>> plot_trade(made).axes[0].get_title(loc="left")
     'zenith: 5.5 stars'
     """
     panels = len(result.cameras)

@@ -6,7 +6,6 @@ import csv
 import dataclasses
 import io
 import json
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from celestcore.reproduce._target import Target
 from celestcore.reproduce._targets import at_most, by_chance, tolerance
 from celestcore.reproduce._theory import theory
 from celestcore.units import ARCSEC
+from pages import Page
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("typer")
@@ -71,30 +71,6 @@ def result() -> star_gyro.Result:
     }
     free = [{"star_arcsec": 0.0, "gyro_arcsec_per_s": 0.2, "pitch": 1e-6, "roll": 0.0, "yaw": 1e-9}]
     return star_gyro.Result(16, 100, 7, parts, found, block_n(), free, 60.0)
-
-
-class Page(HTMLParser):
-    """Collects the text, and what would be loaded from elsewhere."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.words: list[str] = []
-        self.loaded: list[str] = []
-        self.open: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-        for name, value in attrs:
-            if name in ("src", "href") and not (value or "").startswith("data:"):
-                self.loaded.append(str(value))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.words.append(data)
 
 
 def test_tables_are_the_papers() -> None:

@@ -7,7 +7,6 @@ import dataclasses
 import io
 import json
 from collections.abc import Callable
-from html.parser import HTMLParser
 from typing import Any
 
 import celestcore as cc
@@ -21,6 +20,7 @@ from celestcore.reproduce._orbit_blocks import Traces
 from celestcore.reproduce._orbit_model import FILTERS, Cell
 from celestcore.reproduce._orbit_page import page
 from celestcore.reproduce._orbit_scores import Bound, Scores
+from pages import Page
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("typer")
@@ -162,30 +162,6 @@ def traces() -> Traces:
     sizes = {"upf": 15.0, "upf_bank": 18.0, "upf_literal": 1.1}
     ess = {n: (t, np.clip(v + rng.standard_normal(600), 1.0, 20.0)) for n, v in sizes.items()}
     return Traces(errors, ess)
-
-
-class Page(HTMLParser):
-    """Collects the text, and what would be loaded from elsewhere."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.words: list[str] = []
-        self.loaded: list[str] = []
-        self.open: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-        for name, value in attrs:
-            if name in ("src", "href") and not (value or "").startswith("data:"):
-                self.loaded.append(str(value))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.words.append(data)
 
 
 def test_tables_are_the_papers() -> None:

@@ -194,7 +194,9 @@ def trade(
     ends = {name: f"{name}_smoothed" if smoother else name for name in made}
     wanted, trials = _periods(periods), count(runs, "runs")
     cells = len(cameras) * len(wanted)
-    stars, bounds, scores = [], [], []
+    stars: list[float] = []
+    bounds: list[float] = []
+    scores: list[list[Any]] = []
     for camera in cameras.values():
         for period in wanted:
             scenario = Scenario(

@@ -12,8 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from celestcore._check import warn
-from celestcore.errors import InputError
 from celestcore.reproduce import _orbit_blocks as blocks
 from celestcore.reproduce import _orbit_model as model
 from celestcore.reproduce import _orbit_paper as paper
@@ -22,6 +20,7 @@ from celestcore.reproduce._orbit_paper import TABLE_1 as PAPER_TABLE_1
 from celestcore.reproduce._orbit_paper import TABLE_2 as PAPER_TABLE_2
 from celestcore.reproduce._orbit_scores import Bound, Scores, row
 from celestcore.reproduce._orbit_targets import LONG_RUNS, targets
+from celestcore.reproduce._pool import trials
 from celestcore.reproduce._target import Target
 from celestcore.solution import package_version
 
@@ -229,13 +228,7 @@ def run(
     >>> result = celestial_orbit.run(seed=3, quick=True)  # doctest: +SKIP
     >>> result.table1()[0]["mean_pos_m"]  # doctest: +SKIP
     """
-    runs = (QUICK_RUNS if quick else RUNS) if runs is None else runs
-    if runs < 1:
-        raise InputError("must be at least 1", field="runs", value=runs)
-    if seed < 0:
-        raise InputError("must not be negative", field="seed", value=seed)
-    if not quick and runs < RUNS:
-        warn(f"{runs} runs a cell are too few to judge the targets; they are defined for {RUNS}")
+    runs = trials(runs, seed, quick=quick, defined=(RUNS, QUICK_RUNS))
     begin = time.perf_counter()
     long_runs = runs if quick else max(runs, LONG_RUNS)
     found = blocks.run(
