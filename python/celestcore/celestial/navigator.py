@@ -337,6 +337,7 @@ class CelestialNavigator:
             **self.dynamics._described(tables),
             "outliers": outliers,
             "horizon": None if horizon is None else horizon._described(self.combine),
+            "refraction": None,
         }
 
     def _replay(
@@ -362,6 +363,7 @@ class CelestialNavigator:
             self._described(environment),
             stops,
             columns.get("horizon"),
+            columns.get("refraction"),
             (float(stops[0]), start, p0),
             count(given["every"], "every"),
             bool(given["covariance"]),

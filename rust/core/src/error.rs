@@ -89,6 +89,22 @@ pub enum Error {
         /// Distance from the Earth's centre, m.
         radius: f64,
     },
+    /// A measurement that no particle explains.
+    #[error(
+        "the weights of all {count} particles vanish at measurement {step}, t = {t} s: their largest log-likelihood is {largest}, {broken} are not a number; give the noise wider tails or soft edges, more particles, or let the filter recover"
+    )]
+    Vanished {
+        /// Number of the measurement.
+        step: usize,
+        /// Its time in seconds.
+        t: f64,
+        /// Largest log-likelihood of a particle.
+        largest: f64,
+        /// Particles whose likelihood is not a number.
+        broken: usize,
+        /// Particles.
+        count: usize,
+    },
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

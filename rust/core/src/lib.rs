@@ -10,6 +10,7 @@
 pub mod attitude;
 pub mod belief;
 pub mod celestial;
+pub mod cloud;
 pub mod consistency;
 pub mod error;
 pub mod filter;
@@ -19,7 +20,6 @@ pub mod manifold;
 pub mod model;
 pub mod moments;
 pub mod orbit;
-pub mod particles;
 pub mod quaternion;
 pub mod replay;
 pub mod resample;

@@ -31,7 +31,7 @@ const CUT: f64 = 25.0;
 /// `s ≫ scale²` and far out in the tails. Not a number where an argument makes no sense.
 pub fn student_t(y: f64, s: f64, dof: f64, scale: f64) -> Posterior {
     let c2 = scale * scale;
-    if !(s > 0.0 && c2 > 0.0 && dof > 0.0 && y.is_finite() && s.is_finite() && c2.is_finite()) {
+    if !(s > 0.0 && scale > 0.0 && dof > 0.0 && y.is_finite() && s.is_finite() && c2.is_finite()) {
         return NOTHING;
     }
     let (square, dof) = (y * y, dof.min(NORMAL));

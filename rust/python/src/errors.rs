@@ -52,6 +52,11 @@ fn described(error: &Error, details: &Bound<'_, PyDict>) -> PyResult<(&'static s
                 format!("the orbit is {radius:?} m from the Earth's centre, inside it or not finite; {advice}");
             return Ok(("NumericalError", message));
         }
+        Error::Vanished { step, t, .. } => {
+            details.set_item("step", step)?;
+            details.set_item("time", t)?;
+            return Ok(("NumericalError", error.to_string()));
+        }
         Error::NoStart { .. } | Error::NotStreaming => error.to_string(),
         Error::Interrupted => return Ok(("CelestcoreError", error.to_string())),
     };

@@ -4,7 +4,7 @@
 use super::EARTH_RADIUS;
 use super::dop853::Dop853;
 use super::environment::Moment;
-use super::force::ForceModel;
+use super::force::{ForceModel, Gradient};
 use super::gravity::J2;
 use super::radiation::sunlight;
 use crate::error::{Error, Result};
@@ -104,25 +104,7 @@ impl Rhs<42> for Variational<'_> {
     #[inline(always)]
     fn slope<T: Real>(&self, at: &Moment<T>, y: &[T; 42]) -> [T; 42] {
         let g = self.0.gradient(at, &[y[0], y[1], y[2]], &[y[3], y[4], y[5]]);
-        let mut out = [T::zero(); 42];
-        out[..3].copy_from_slice(&y[3..6]);
-        out[3..6].copy_from_slice(&g.acceleration);
-        for j in 0..6 {
-            for i in 0..3 {
-                out[6 + 6 * i + j] = y[24 + 6 * i + j];
-                let mut s = T::zero();
-                for k in 0..3 {
-                    s = g.by_position[(i, k)].mul_add(y[6 + 6 * k + j], s);
-                }
-                if let Some(d) = &g.by_velocity {
-                    for k in 0..3 {
-                        s = d[(i, k)].mul_add(y[24 + 6 * k + j], s);
-                    }
-                }
-                out[24 + 6 * i + j] = s;
-            }
-        }
-        out
+        variation(&g, y)
     }
     #[inline(always)]
     fn casts_shadow(&self) -> bool {
@@ -132,6 +114,45 @@ impl Rhs<42> for Variational<'_> {
     fn phase<T: Real>(&self, at: &Moment<T>, y: &[T; 42]) -> Phase {
         self.0.light_phase(at, y)
     }
+}
+
+/// The same under closed-form gravity.
+pub(super) struct Oblate(pub(super) J2);
+
+impl Rhs<42> for Oblate {
+    type At<T: Real> = ();
+    #[inline(always)]
+    fn at<T: Real>(&self, _: T) {}
+    #[inline(always)]
+    fn slope<T: Real>(&self, (): &(), y: &[T; 42]) -> [T; 42] {
+        let r = [y[0], y[1], y[2]];
+        let (acceleration, by_position) = (self.0.acceleration(&r), self.0.gradient(&r));
+        variation(&Gradient { acceleration, by_position, by_velocity: None }, y)
+    }
+}
+
+/// Derivative of position, velocity and transition under an acceleration and its gradient.
+#[inline(always)]
+fn variation<T: Real>(g: &Gradient<T>, y: &[T; 42]) -> [T; 42] {
+    let mut out = [T::zero(); 42];
+    out[..3].copy_from_slice(&y[3..6]);
+    out[3..6].copy_from_slice(&g.acceleration);
+    for j in 0..6 {
+        for i in 0..3 {
+            out[6 + 6 * i + j] = y[24 + 6 * i + j];
+            let mut s = T::zero();
+            for k in 0..3 {
+                s = g.by_position[(i, k)].mul_add(y[6 + 6 * k + j], s);
+            }
+            if let Some(d) = &g.by_velocity {
+                for k in 0..3 {
+                    s = d[(i, k)].mul_add(y[24 + 6 * k + j], s);
+                }
+            }
+            out[24 + 6 * i + j] = s;
+        }
+    }
+    out
 }
 
 /// The state with an identity for the state transition matrix.

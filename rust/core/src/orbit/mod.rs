@@ -14,6 +14,7 @@ mod gravity;
 mod integrate;
 mod model;
 mod radiation;
+mod step;
 mod third_body;
 mod vector;
 

@@ -1,10 +1,10 @@
 //! The orbit as dynamics of a filter.
 
 use super::force::ForceModel;
-use super::integrate::{Variational, rk4, with_identity};
-use super::vector::dot3;
+use super::integrate::{Oblate, rk4, with_identity};
+use super::step::Steps;
 use crate::error::{Error, Result};
-use crate::linalg::{Matrix, add, congruence, from_fn, identity, mul, zeros};
+use crate::linalg::{Matrix, add, congruence, from_fn, mul, zeros};
 use crate::manifold::{Euclidean, Family};
 use crate::model::Dynamics;
 use crate::scalar::Real;
@@ -72,41 +72,26 @@ impl OrbitModel {
         (steps as usize, dt * (1.0 / steps))
     }
 
+    /// A step as steps that the forces take.
+    #[inline(always)]
+    fn divided<T: Real>(&self, x: &[T; 6], t: T, dt: T) -> Steps<'_, T> {
+        let (steps, h) = match self.scheme {
+            Scheme::Rk4 => self.division(dt),
+            Scheme::Taylor => (1, dt),
+        };
+        Steps { force: &self.force, x: *x, t, h, steps }
+    }
+
     /// The state after a step and the transition to it.
     #[inline(always)]
     fn both<T: Real>(&self, x: &[T; 6], t: T, dt: T) -> ([T; 6], Matrix<T, 6, 6>) {
+        let all = self.divided(x, t, dt);
         if self.scheme == Scheme::Taylor {
-            return self.taylor(x, t, dt);
+            return all.taylor();
         }
-        let (steps, h) = self.division(dt);
-        let y = rk4(&Variational(&self.force), t, &with_identity(x), h, steps);
+        let Some(j2) = self.force.closed() else { return all.with_transition() };
+        let y = rk4(&Oblate(j2), t, &with_identity(x), all.h, all.steps);
         ([y[0], y[1], y[2], y[3], y[4], y[5]], from_fn(|i, j| y[6 + 6 * i + j]))
-    }
-
-    #[inline(always)]
-    fn taylor<T: Real>(&self, x: &[T; 6], t: T, dt: T) -> ([T; 6], Matrix<T, 6, 6>) {
-        let (r, v) = ([x[0], x[1], x[2]], [x[3], x[4], x[5]]);
-        let g = self.force.gradient(&self.force.moment(t), &r, &v);
-        let a = &g.acceleration;
-        let half = dt * dt * 0.5;
-        let mut after = *x;
-        let mut transition = identity();
-        for i in 0..3 {
-            after[i] = half.mul_add(a[i], dt.mul_add(v[i], r[i]));
-            let mut jerk = dot3(&[g.by_position[(i, 0)], g.by_position[(i, 1)], g.by_position[(i, 2)]], &v);
-            if let Some(d) = &g.by_velocity {
-                jerk += dot3(&[d[(i, 0)], d[(i, 1)], d[(i, 2)]], a);
-            }
-            after[3 + i] = half.mul_add(jerk, dt.mul_add(a[i], v[i]));
-            transition[(i, 3 + i)] = dt;
-            for j in 0..3 {
-                transition[(3 + i, j)] = g.by_position[(i, j)] * dt;
-                if let Some(d) = &g.by_velocity {
-                    transition[(3 + i, 3 + j)] += d[(i, j)] * dt;
-                }
-            }
-        }
-        (after, transition)
     }
 
     #[inline(always)]
@@ -129,13 +114,13 @@ impl Dynamics<6> for OrbitModel {
 
     #[inline(always)]
     fn step<T: Real>(&self, x: &[T; 6], (): &(), t: T, dt: T) -> [T; 6] {
+        let all = self.divided(x, t, dt);
         if self.scheme == Scheme::Taylor {
-            return self.taylor(x, t, dt).0;
+            return all.taylor().0;
         }
-        let (steps, h) = self.division(dt);
         match self.force.closed() {
-            Some(j2) => rk4(&j2, t, x, h, steps),
-            None => rk4(&self.force, t, x, h, steps),
+            Some(j2) => rk4(&j2, t, x, all.h, all.steps),
+            None => all.after(),
         }
     }
 

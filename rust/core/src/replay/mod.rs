@@ -1,12 +1,15 @@
 //! Replays a log: input samples drive the filter, measurements with their own time stamps correct it.
 
+mod sampled;
 mod smooth;
 mod window;
 
+pub use sampled::Sampled;
 pub use smooth::{Recorder, smooth, step_back};
 pub use window::{Epoch, Past, Window};
 
 use crate::belief::{Belief, Outcome};
+use crate::cloud::Weighing;
 use crate::error::{Error, Result};
 use crate::filter::Filter;
 use crate::linalg::{Matrix, from_fn};
@@ -84,7 +87,7 @@ impl<T: Real<Mask = bool>, const M: usize> From<Outcome<T, M>> for Report {
 impl Report {
     /// Determinant of the innovation's covariance.
     #[inline(always)]
-    fn determinant(&self) -> f64 {
+    pub(crate) fn determinant(&self) -> f64 {
         let s = &self.covariance;
         match self.dof {
             1 => s[0][0],
@@ -103,6 +106,9 @@ pub trait Sink<S: Manifold<N>, const N: usize> {
     fn state<T: Real, B: Belief<S, T, N>>(&mut self, t: f64, k: usize, belief: &B);
     /// The report on measurement `i`.
     fn measured(&mut self, i: usize, report: &Report);
+    /// How the particles were weighed by measurement `i`; together with others of its time, if there are any.
+    #[inline(always)]
+    fn weighed(&mut self, _i: usize, _weighing: &Weighing) {}
     /// The belief at time `t`, all measurements used, before it moves on to `to` within the interval
     /// after input sample `k`: what a smoother comes back to.
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Eight lanes as a plain array: each operation is one loop over the lanes, which the compiler turns
 //! into vector instructions of whatever instruction set the calling function is compiled for.
 
-use super::{Mask, Real, mul_add};
+use super::{Level, Mask, Real, mul_add};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// All-ones or all-zeros per lane, so that a select is three bit operations on any processor.
@@ -105,6 +105,7 @@ impl<const F: bool> SubAssign for Lanes<F> {
 
 impl<const FMA: bool> Real for Lanes<FMA> {
     const LANES: usize = 8;
+    const LEVEL: Level = if FMA { Level::Avx2 } else { Level::Portable };
     type Mask = Mask8;
     type Pack = Self;
     const WIDTH: usize = 1;

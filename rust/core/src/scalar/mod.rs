@@ -47,6 +47,8 @@ pub trait Real:
 {
     /// Independent numbers held.
     const LANES: usize;
+    /// Instruction set of the code that computes with it.
+    const LEVEL: Level;
     /// Truth value of a comparison.
     type Mask: Mask;
 

@@ -1,6 +1,6 @@
 //! One-lane scalars: `f64`, and [`Fused`] for code compiled with fused multiply-add.
 
-use super::{Lanes, Mask, Real, mul_add};
+use super::{Lanes, Level, Mask, Real, mul_add};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 impl Mask for bool {
@@ -73,6 +73,7 @@ macro_rules! one_lane {
     ($type:ty, fma: $fma:literal, |$s:ident| $get:expr, $new:expr) => {
         impl Real for $type {
             const LANES: usize = 1;
+            const LEVEL: Level = if $fma { Level::Avx2 } else { Level::Portable };
             type Mask = bool;
             type Pack = Lanes<$fma>;
             const WIDTH: usize = 8;

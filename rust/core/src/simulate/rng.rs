@@ -19,6 +19,8 @@ pub mod channel {
     pub const BIAS: u8 = 3;
     /// Error that an estimator starts with.
     pub const START: u8 = 4;
+    /// Samples of a particle filter.
+    pub const PARTICLES: u8 = 5;
     /// Each star angle's own error.
     pub const ANGLES: u8 = 6;
     /// Error of the horizon sensor's nadir direction.

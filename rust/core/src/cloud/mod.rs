@@ -1,0 +1,133 @@
+//! Particle filters: what is known of a state, carried by samples of it.
+//!
+//! [`Proposal`] is the unscented particle filter to use: one unscented Kalman filter says where to sample, the weights
+//! say what the Kalman filter got wrong. [`Literal`] and [`Bank`] are the two other readings of the same name,
+//! [`Bootstrap`] is the plain filter that samples the dynamics. They are replayed by [`crate::replay::Sampled`].
+//!
+//! Weights are logarithms throughout, so that a measurement far from every particle still tells them
+//! apart. Where all likelihoods are zero or one is not a number there is nothing to tell: with
+//! [`Settings::recover`] the measurements of that time are then used as the Kalman filter would
+//! ([`Proposal`], [`Literal`]) or left out ([`Bootstrap`]; for [`Bank`] it cannot happen), and
+//! [`Weighing::recovered`] says so; without it that is an error which names the measurement.
+
+mod bank;
+mod bootstrap;
+mod literal;
+mod proposal;
+mod weights;
+
+pub use bank::Bank;
+pub use bootstrap::Bootstrap;
+pub use literal::Literal;
+pub use proposal::Proposal;
+
+use crate::belief::Gaussian;
+use crate::error::{Error, Result};
+use crate::filter::Ukf;
+use crate::manifold::Family;
+use crate::model::{Dynamics, Input};
+use crate::replay::{Report, Sensors};
+use crate::resample::Resampling;
+use crate::scalar::Real;
+use std::ops::Range;
+
+/// A particle filter at work. The scalar is that of one particle; eight of them run in its pack.
+pub trait Cloud<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> {
+    /// Moves all from `t` to `t + dt`; false where that fails.
+    fn predict(&mut self, dynamics: &D, u: &Input<D, T, N>, t: T, dt: T) -> bool;
+
+    /// Corrects by the measurements `epoch`, all of one time. `report` gets what a Kalman filter would say of
+    /// each of them, before it is used.
+    ///
+    /// # Errors
+    /// `Vanished` and `NotPositiveDefinite`, with the number of the measurement and its time.
+    fn update<Q: Sensors<D::Space, N>>(
+        &mut self,
+        sensors: &Q,
+        epoch: Range<usize>,
+        report: &mut impl FnMut(usize, &Report),
+    ) -> Result<Weighing>;
+
+    /// Mean, and covariance of the error.
+    fn moments(&self) -> Gaussian<D::Space, T, N>;
+}
+
+/// How the weights came out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weighing {
+    /// Effective number of particles before resampling.
+    pub effective: f64,
+    /// Logarithm of the probability density of the measurements, given those before them, up to a constant.
+    pub log_likelihood: f64,
+    /// Whether they were resampled.
+    pub resampled: bool,
+    /// Part of the Metropolis moves that were accepted; not a number without moves.
+    pub moved: f64,
+    /// Whether the weights vanished, and the rule for that was used.
+    pub recovered: bool,
+}
+
+impl Weighing {
+    /// Of measurements that were not used, or whose weights vanished.
+    #[inline(always)]
+    fn unused(effective: f64, recovered: bool) -> Self {
+        Self { effective, log_likelihood: 0.0, resampled: false, moved: f64::NAN, recovered }
+    }
+}
+
+/// What all particle filters share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// How many particles.
+    pub particles: usize,
+    /// How to resample.
+    pub resampling: Resampling,
+    /// Resample if fewer than this part of the particles are effective: 0 never, 1 nearly always.
+    pub threshold: f64,
+    /// Metropolis moves of each particle after resampling.
+    pub moves: usize,
+    /// The Kalman filters of the particles.
+    pub ukf: Ukf,
+    /// Whether to go on where all weights vanish.
+    pub recover: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        let (resampling, ukf) = (Resampling::Systematic, Ukf::default());
+        Self { particles: 20, resampling, threshold: 0.5, moves: 0, ukf, recover: true }
+    }
+}
+
+impl Settings {
+    /// # Errors
+    /// `Parameter` for no particles, a threshold that is no part of one, or sigma points that do not exist
+    /// for `n` error states.
+    pub fn check(&self, n: usize) -> Result<()> {
+        if self.particles == 0 {
+            return Err(Error::Parameter { field: "particles", value: 0.0, need: "must be at least 1" });
+        }
+        if !(0.0..=1.0).contains(&self.threshold) {
+            let need = "must be between 0 (never resample) and 1";
+            return Err(Error::Parameter { field: "threshold", value: self.threshold, need });
+        }
+        self.ukf.weights.check(n)
+    }
+}
+
+/// One number of each slot of a record of packs.
+#[inline(always)]
+fn slot<S: Family, T: Real>(pack: &S::Of<T::Pack>, slot: usize) -> S::Of<T> {
+    S::map(pack, |c| T::extract(c, slot))
+}
+
+/// Writes one slot of a record of packs.
+#[inline(always)]
+fn put<S: Family, T: Real>(pack: &S::Of<T::Pack>, into: usize, from: &S::Of<T::Pack>, slot: usize) -> S::Of<T::Pack> {
+    S::zip(pack, from, |a, b| {
+        T::gather(
+            #[inline(always)]
+            |k| if k == into { T::extract(b, slot) } else { T::extract(a, k) },
+        )
+    })
+}
