@@ -5,7 +5,7 @@ from __future__ import annotations
 import celestcore as cc
 import numpy as np
 import pytest
-from celestcore.reproduce import _orbit_blocks as blocks
+from celestcore.reproduce import _orbit_bench as blocks
 from celestcore.reproduce import _orbit_model as model
 from celestcore.reproduce._orbit_model import Cell
 from celestcore.reproduce._orbit_scores import Scores

@@ -109,6 +109,10 @@ def result() -> Result:
         bounds=bounds,
         cost=[cost("ekf", "EKF", 3e-4), cost("ukf", "UKF", 8e-4), cost("upf_literal", "UPF", 0.03)],
         outliers={name: scores(mean) for name, mean in gated.items()},
+        shapes=[
+            {"edge": 0.01, "half_width": w, "mean_pos_m": 93.0, "mean_pos_21x21_m": 15.0}
+            for w in (1.0, 1.05)
+        ],
         starts=[start("100 km, 100 m/s", "EKF", 30), start("500 km, 500 m/s", "EKF", 13)],
         refraction=[
             refracted("one aft field", "j2", 383.0),
@@ -357,7 +361,7 @@ def test_csv_tables(result: Result) -> None:
     from celestcore.reproduce._orbit_tables import csv_tables
 
     tables = csv_tables(result)
-    names = ("table_1", "table_2", "table_3", "outliers", "starts", "refraction")
+    names = ("table_1", "table_2", "table_3", "outliers", "shapes", "starts", "refraction")
     assert list(tables) == [f"{name}.csv" for name in names]
     rows = list(csv.DictReader(io.StringIO(tables["table_1.csv"])))
     ours = next(r for r in rows if (r["filter"], r["period_s"]) == ("upf", "30.0"))

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 import celestcore as cc
 from celestcore.reproduce import _orbit_model as model
 from celestcore.reproduce import _orbit_paper as paper
+from celestcore.reproduce._orbit_bench import (
+    Bench,
+    Plan,
+    Progress,
+    effort,
+    horizon,
+    navigator,
+    navigators,
+)
 from celestcore.reproduce._orbit_model import FILTERS, SMOOTHED, Array, Cell
+from celestcore.reproduce._orbit_refraction import refraction, refraction_runs
 from celestcore.reproduce._orbit_scores import Bound, Scores
 
-Progress = Callable[[int, int, str], object]
 Trace = tuple[Array, Array]
 
 LONG = ("ekf_21x21",)
 """Filters of the long campaign; with their smoother."""
 ROBUST = ("ekf", "ukf", "ekf_gated", "huber", "score", "upf")
-GATE, HUBER = 0.9999, 1.345
-T_DOF = 3.0
 LAST_ORBIT, CONVERGED = 30_000.0, 5e3
 """A start is overcome if no position error is above this [m] from this time [s] on."""
 POINTS = 1200
@@ -33,139 +38,12 @@ ACCELERATIONS |= {"upf_literal": 1120, "upf_bank": 1040, "bootstrap": 4000}
 """A step of 3 s is one Runge-Kutta step: 4 accelerations; 13 sigma points, 20 or 1000 particles."""
 
 
-class Plan(NamedTuple):
-    """How much to run."""
-
-    runs: int
-    long_runs: int
-    start_runs: int
-    seed: int
-    threads: int | None
-
-
 @dataclass(frozen=True)
 class Traces:
     """Single runs: by panel and filter times [s] and position errors [m], and sample sizes."""
 
     errors: dict[str, dict[str, Trace]] = field(default_factory=dict)
     ess: dict[str, Trace] = field(default_factory=dict)
-
-
-class Bench:
-    """The true orbit, the sky and the scenarios that are made of them; and what has been done."""
-
-    def __init__(self, plan: Plan, progress: Progress | None, total: float) -> None:
-        self.plan = plan
-        self.progress = progress
-        self.total = total
-        self.done = 0.0
-
-    @cached_property
-    def orbit(self) -> cc.orbit.Trajectory:
-        """The truth at every 3 s."""
-        return model.true_orbit()
-
-    @cached_property
-    def camera(self) -> Any:
-        """The star camera, looking at the zenith."""
-        return cc.celestial.SkyCamera(
-            model.catalogue(),
-            model.FIELD,
-            brightest=model.BRIGHTEST,
-            earth_margin=model.MARGIN,
-        )
-
-    def scenario(self, cell: Cell) -> Any:
-        """Return what is simulated in a cell."""
-        return cc.celestial.Scenario(
-            self.orbit,
-            self.camera,
-            horizon(cell),
-            period=cell.period,
-            start_sigma=cell.start,
-            outliers=cell.outliers,
-        )
-
-    def campaign(
-        self, cell: Cell, navigators: dict[str, Any], what: str, **options: Any
-    ) -> dict[str, Scores]:
-        """Run many trials of a cell through filters; smoothed ones by their own names."""
-        options = {"trials": self.plan.runs, "skip": model.SKIP, **options}
-        before, share = self.done, effort(cell) * len(navigators)
-
-        def heard(done: int, _: int) -> None:
-            self.told(before + share * done, what)
-
-        found = cc.celestial.monte_carlo(
-            self.scenario(cell),
-            navigators,
-            seed=self.plan.seed,
-            threads=options.pop("threads", self.plan.threads),
-            progress=heard,
-            **options,
-        )
-        self.told(before + share * options["trials"], what)
-        ends = {f"{name}_smoothed": smoothed for name, smoothed in SMOOTHED.items()}
-        return {ends.get(name, name): Scores.of(scores) for name, scores in found.items()}
-
-    def told(self, done: float, what: str) -> None:
-        """Tell how far the work is; raises on Ctrl-C."""
-        self.done = done
-        if self.progress is not None:
-            self.progress(round(done), round(self.total), what)
-
-
-def effort(cell: Cell) -> float:
-    """Return the work of one filter in one trial: epochs."""
-    return model.DURATION / cell.period
-
-
-def horizon(cell: Cell) -> Any:
-    """Return the noise of a cell: what is simulated, and what the filters are told."""
-    return cc.StarHorizon(
-        model.SIGMA_STAR,
-        model.SIGMA_NADIR,
-        correlated=cell.noise == "B",
-        distribution=cell.distribution,
-        dof=T_DOF,
-    )
-
-
-def navigator(name: str, cell: Cell, robust: bool = False) -> Any:
-    """Return a filter by its name in the JSON.
-
-    Parameters
-    ----------
-    name : str
-    cell : Cell
-    robust : bool
-        Whether the filters that use a likelihood take the noise for Student's t.
-    """
-    gravity = name.rpartition("_")[2] if name.endswith(("8x8", "21x21")) else "j2"
-    psd = model.ACCEL_PSD[gravity]
-    integrator = "rk4"
-    if name == "ekf_taylor":
-        psd, integrator = model.TAYLOR_PSD[cell.period], "taylor"
-    dynamics = cc.orbit.OrbitDynamics(model.force(gravity), psd, integrator=integrator)
-    options: dict[str, Any] = {"ekf_gated": {"gate": GATE}, "huber": {"huber": HUBER}}.get(name, {})
-    told = cell._replace(distribution="student_t") if robust else cell
-    return cc.CelestialNavigator(_filter(name), dynamics, horizon(told), **options)
-
-
-def _filter(name: str) -> Any:
-    kind = name.split("_")[0]
-    if kind == "upf":
-        return cc.UPF(particles=paper.PARTICLES, form=model.PARTICLE_FORMS[name])
-    if name == "ukf_scaled":
-        return cc.UKF(alpha=1e-3, kappa=0.0)
-    if kind == "bootstrap":
-        return cc.BootstrapPF()
-    return {"ukf": cc.UKF, "srukf": cc.SRUKF, "score": cc.ScoreEKF}.get(kind, cc.EKF)()
-
-
-def navigators(names: Iterable[str], cell: Cell, robust: bool = False) -> dict[str, Any]:
-    """Return several filters for a cell."""
-    return {name: navigator(name, cell, robust) for name in names}
 
 
 def run(plan: Plan, progress: Progress | None) -> dict[str, Any]:
@@ -181,8 +59,9 @@ def run(plan: Plan, progress: Progress | None) -> dict[str, Any]:
         "outliers": bench.campaign(
             model.OUTLIERS, navigators(ROBUST, model.OUTLIERS, robust=True), "outliers"
         ),
+        "shapes": shapes(bench),
         "starts": starts(bench),
-        "refraction": [],
+        "refraction": refraction(bench),
         "traces": traces(bench),
         "sky": sky(bench),
     }
@@ -200,6 +79,7 @@ def _total(plan: Plan) -> float:
         + sum(effort(c) for c in model.TABLE_1) * more * len(LONG)
         + effort(model.OUTLIERS) * plan.runs * len(ROBUST)
         + sum(effort(c) for c in model.STARTS.values()) * plan.start_runs * len(START_FILTERS)
+        + effort(Cell(15.0)) * (plan.runs * 2 * len(SHAPES) + refraction_runs(plan))
         + effort(COST_CELL) * COST_TRIALS * len(COST_FILTERS)
     )
 
@@ -279,6 +159,27 @@ def costs(bench: Bench) -> list[dict[str, Any]]:
             }
         )
     return out
+
+
+SHAPES = [(edge, width) for edge in (0.05, 0.01) for width in (0.95, 1.0, 1.05)]
+
+
+def shapes(bench: Bench) -> list[dict[str, Any]]:
+    """Return the score filter's errors under uniform noise by how well it knows the noise."""
+    cell = Cell(15.0, "A", "uniform")
+    names = {"score": "pos_m", "score_21x21": "pos_21x21_m"}
+    made = {}
+    for name in names:
+        dynamics = navigator(name, cell).dynamics
+        for edge, width in SHAPES:
+            told = horizon(cell, edge, width)
+            made[f"{name} {edge} {width}"] = cc.CelestialNavigator(cc.ScoreEKF(), dynamics, told)
+    found = bench.campaign(cell, made, "shapes")
+    return [
+        {"edge": edge, "half_width": width}
+        | {f"mean_{key}": found[f"{n} {edge} {width}"].mean() for n, key in names.items()}
+        for edge, width in SHAPES
+    ]
 
 
 START_FILTERS = {

@@ -34,6 +34,10 @@ DISTRIBUTIONS = ("normal", "student_t", "uniform")
 
 ACCEL_PSD = {"j2": 4e-7, "8x8": 1e-9, "21x21": 1e-12}
 """White acceleration that stands for what a force model leaves out [m^2/s^3]."""
+SCORE_PSD = 1e-6
+"""The same for the score filter with J2, which is more accurate and so needs a little more."""
+EDGES = {"score": 0.01}
+"""Softness of the edges of uniform noise as a filter is told, over the half-width; others 0.05."""
 TAYLOR_PSD = {3.0: 1e-6, 15.0: 3e-6, 30.0: 1e-4, 60.0: 1e-2}
 """The same for the paper's second-order step, by period [s]."""
 

@@ -44,6 +44,8 @@ def page(
         shown["period"],
         *_table_parts(result),
         f"<h2>Figures 3 and 4</h2>{_note(FIGURES)}{shown['figure_3']}{shown['figure_4']}",
+        f"<h2>How well the noise must be known</h2><p>{escape(words.SHAPES)}</p>",
+        tables.shape_table(result),
         f"<h2>The three particle filters</h2><p>{escape(words.PARTICLES)}</p>",
         tables.particle_table(result),
         shown["effective_sample_size"],

@@ -54,6 +54,7 @@ def csv_tables(result: Result) -> dict[str, str]:
         "table_2": result.table2(),
         "table_3": result.cost,
         "outliers": outliers,
+        "shapes": result.shapes,
         "starts": result.starts,
         "refraction": result.refraction,
     }
@@ -201,6 +202,21 @@ def outlier_table(result: Result) -> str:
             f"{100 * s.mean('accepted'):.1f}",
         ]
         for name, s in result.outliers.items()
+    ]
+    return grid(head, rows)
+
+
+def shape_table(result: Result) -> str:
+    """Return what it costs not to know the edges of uniform noise."""
+    head = ["edge told, over the half-width", "half-width told", "J2 [m]", "21×21 [m]"]
+    rows = [
+        [
+            f"{r['edge']:g}",
+            "right" if r["half_width"] == 1.0 else f"{100 * (r['half_width'] - 1):+.0f} %",
+            _length(r["mean_pos_m"]),
+            _length(r["mean_pos_21x21_m"]),
+        ]
+        for r in result.shapes
     ]
     return grid(head, rows)
 

@@ -15,6 +15,7 @@ from typing import Any
 from celestcore.reproduce import _orbit_blocks as blocks
 from celestcore.reproduce import _orbit_model as model
 from celestcore.reproduce import _orbit_paper as paper
+from celestcore.reproduce._orbit_bench import Plan
 from celestcore.reproduce._orbit_model import FILTERS, TABLE_1, TABLE_2, Cell
 from celestcore.reproduce._orbit_paper import TABLE_1 as PAPER_TABLE_1
 from celestcore.reproduce._orbit_paper import TABLE_2 as PAPER_TABLE_2
@@ -52,6 +53,8 @@ class Result:
         Seconds an orbit at T = 3 s.
     outliers : dict of str to Scores
         5 % of the angles wrong by 50 sigma.
+    shapes : list of dict
+        The score filter under uniform noise, by how well it knows the noise.
     starts : list of dict
         Starts with large errors: how many runs converge.
     refraction : list of dict
@@ -79,6 +82,7 @@ class Result:
     bounds: dict[Cell, Bound]
     cost: list[dict[str, Any]]
     outliers: dict[str, Scores]
+    shapes: list[dict[str, Any]]
     starts: list[dict[str, Any]]
     refraction: list[dict[str, Any]]
     traces: blocks.Traces
@@ -181,6 +185,7 @@ class Result:
                 for name, scores in found.items()
             ],
             "outliers": [row(outliers, name, s, None) for name, s in self.outliers.items()],
+            "shapes": self.shapes,
             "starts": self.starts,
             "refraction": self.refraction,
             "sky": self.sky,
@@ -232,7 +237,7 @@ def run(
     begin = time.perf_counter()
     long_runs = runs if quick else max(runs, LONG_RUNS)
     found = blocks.run(
-        blocks.Plan(runs, long_runs, runs if quick else START_RUNS, seed, threads), progress
+        Plan(runs, long_runs, runs if quick else START_RUNS, seed, threads), progress
     )
     return Result(
         runs=runs,
