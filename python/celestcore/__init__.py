@@ -27,7 +27,13 @@ from celestcore import analysis, celestial, elements, frames, orbit, quaternion,
 from celestcore._core import __version__
 from celestcore.calibration import Calibration
 from celestcore.camera import CameraModel, StarCatalogue
-from celestcore.celestial import CelestialLog, CelestialNavigator, OrbitSolution, StarHorizon
+from celestcore.celestial import (
+    CelestialLog,
+    CelestialNavigator,
+    OrbitSolution,
+    StarHorizon,
+    StarRefraction,
+)
 from celestcore.config import Settings
 from celestcore.errors import (
     CelestcoreError,
@@ -41,6 +47,8 @@ from celestcore.filters import (
     EKF,
     SRUKF,
     UKF,
+    UPF,
+    BootstrapPF,
     InvariantEKF,
     IteratedEKF,
     LiteralUKF,
@@ -59,6 +67,8 @@ __all__ = [
     "EKF",
     "SRUKF",
     "UKF",
+    "UPF",
+    "BootstrapPF",
     "Calibration",
     "CameraModel",
     "CelestcoreError",
@@ -84,6 +94,7 @@ __all__ = [
     "StarGyroNavigator",
     "StarGyroState",
     "StarHorizon",
+    "StarRefraction",
     "StateAt",
     "VectorSensor",
     "__version__",

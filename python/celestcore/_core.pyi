@@ -151,6 +151,33 @@ def celestial_monte_carlo(
 ) -> list[dict[str, Any]]: ...
 
 @final
+class RefractionTable:
+    def __new__(cls, air: tuple[_Array, _Array] | None) -> Self: ...
+    def density(self, height: _Array) -> _Array: ...
+    def bending(self, height: _Array) -> _Array: ...
+    def height(self, angle: _Array) -> _Array: ...
+    def rays(
+        self, r: _Array, star: _Array, pole: Sequence[float] | None, scale: float
+    ) -> list[_Array]: ...
+    def sights(
+        self,
+        states: _Array,
+        stars: _Array,
+        pole: Sequence[float] | None,
+        band: Sequence[float],
+        fields: Sequence[Sequence[float]],
+    ) -> dict[str, Any]: ...
+    def simulate(
+        self,
+        r: _Array,
+        star: _Array,
+        place: Sequence[Sequence[int]],
+        pole: Sequence[float] | None,
+        noise: Sequence[float],
+        random: tuple[int, int],
+    ) -> _Array: ...
+
+@final
 class Update:
     @property
     def accepted(self) -> bool: ...

@@ -8,10 +8,22 @@ from typing import Any, ClassVar
 from celestcore._check import number
 from celestcore.errors import InputError
 
-__all__ = ["EKF", "SRUKF", "UKF", "InvariantEKF", "IteratedEKF", "LiteralUKF", "ScoreEKF"]
+__all__ = [
+    "EKF",
+    "SRUKF",
+    "UKF",
+    "UPF",
+    "BootstrapPF",
+    "InvariantEKF",
+    "IteratedEKF",
+    "LiteralUKF",
+    "ScoreEKF",
+]
 
 _INTEGRATORS = ("exponential", "rk4")
 _STATES = 6
+RESAMPLING = ("systematic", "stratified", "residual", "multinomial")
+FORMS = ("proposal", "literal", "bank")
 
 
 def _setup(kind: str, **options: Any) -> dict[str, Any]:
@@ -25,6 +37,8 @@ def _setup(kind: str, **options: Any) -> dict[str, Any]:
         "reset": True,
         "iterations": 0,
         "tolerance": 0.0,
+        "particles": None,
+        "random": (0, 0),
         **options,
     }
 
@@ -300,3 +314,139 @@ def _check_integrator(value: str) -> None:
         raise InputError(
             f"must be one of {', '.join(_INTEGRATORS)}", field="filter.integrator", value=value
         )
+
+
+@dataclass(frozen=True)
+class UPF(UKF):
+    """Unscented particle filter: an unscented Kalman filter says where to sample, weights the rest.
+
+    Parameters
+    ----------
+    alpha, beta, kappa
+        As of `UKF`.
+    integrator : str
+        Not used: orbits have steps of their own.
+    particles : int
+        How many.
+    form : {"proposal", "literal", "bank"}
+        ``"proposal"`` is the form to use: one `UKF`; particles in antithetic pairs from its result;
+        weights likelihood times prior over proposal; the mean is theirs, the covariance the
+        `UKF`'s. ``"literal"`` is as printed, a `UKF` for each particle and weights with the
+        transition density: it collapses where that is much narrower than the proposal, as in
+        orbits. ``"bank"`` is a bank of unscented filters that are weighed by their innovations.
+    resampling : {"systematic", "stratified", "residual", "multinomial"}
+        How to resample.
+    threshold : float
+        Resample if fewer than this part of the particles are effective, 0 to 1.
+    moves : int
+        Metropolis moves of each particle after resampling.
+    recover : bool
+        Where no particle explains a measurement: whether to go on with what the `UKF` says of it,
+        or to raise a `NumericalError` that names the measurement.
+
+    Raises
+    ------
+    InputError
+        Names the field and the value.
+
+    Notes
+    -----
+    For orbits (`CelestialNavigator`). Van der Merwe, Doucet, de Freitas, Wan, *The unscented
+    particle filter*, 2000; Ning and Ma 2010, section 3.3.
+
+    Examples
+    --------
+    >>> UPF(particles=50).form
+    'proposal'
+    """
+
+    particles: int = 20
+    form: str = "proposal"
+    resampling: str = "systematic"
+    threshold: float = 0.5
+    moves: int = 0
+    recover: bool = True
+    kind: ClassVar[str] = "upf"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.form not in FORMS:
+            raise InputError(
+                f"must be one of {', '.join(FORMS)}", field="filter.form", value=self.form
+            )
+        _check_particles(self)
+
+    def _setup(self) -> dict[str, Any]:
+        return {**super()._setup(), "filter": self.form, "particles": _particles(self)}
+
+
+@dataclass(frozen=True)
+class BootstrapPF:
+    """Bootstrap particle filter: particles move by the dynamics and are weighed by the likelihood.
+
+    Parameters
+    ----------
+    particles : int
+        How many.
+    resampling : {"systematic", "stratified", "residual", "multinomial"}
+        How to resample.
+    threshold : float
+        Resample if fewer than this part of the particles are effective, 0 to 1.
+    recover : bool
+        Where no particle explains a measurement: whether to leave it out, or to raise a
+        `NumericalError` that names it.
+
+    Raises
+    ------
+    InputError
+        Names the field and the value.
+
+    Notes
+    -----
+    For orbits (`CelestialNavigator`). Gordon, Salmond, Smith 1993. Dynamics as good as those of
+    orbits leave particles no room to spread: see the guide on filters and sensors.
+
+    Examples
+    --------
+    >>> BootstrapPF(particles=500).kind
+    'bootstrap'
+    """
+
+    particles: int = 1000
+    resampling: str = "systematic"
+    threshold: float = 0.5
+    recover: bool = True
+    kind: ClassVar[str] = "bootstrap"
+    moves: ClassVar[int] = 0
+
+    def __post_init__(self) -> None:
+        _check_particles(self)
+
+    def _setup(self) -> dict[str, Any]:
+        return _setup(self.kind, particles=_particles(self))
+
+
+def _check_particles(owner: UPF | BootstrapPF) -> None:
+    for name, least in (("particles", 1), ("moves", 0)):
+        value = getattr(owner, name)
+        if number(value, f"filter.{name}", at_least=least) != int(value):
+            raise InputError("must be a whole number", field=f"filter.{name}", value=value)
+    if owner.resampling not in RESAMPLING:
+        raise InputError(
+            f"must be one of {', '.join(RESAMPLING)}",
+            field="filter.resampling",
+            value=owner.resampling,
+        )
+    if not 0.0 <= number(owner.threshold, "filter.threshold") <= 1.0:
+        raise InputError("must be from 0 to 1", field="filter.threshold", value=owner.threshold)
+
+
+def _particles(owner: UPF | BootstrapPF) -> tuple[int, str, float, int, bool]:
+    """Return what the core wants to know of particles."""
+    return (
+        int(owner.particles),
+        owner.resampling,
+        float(owner.threshold),
+        int(owner.moves),
+        bool(owner.recover),
+    )

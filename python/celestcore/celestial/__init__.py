@@ -18,20 +18,27 @@ from celestcore.celestial.log import AngleTable, CelestialLog
 from celestcore.celestial.measurements import StarHorizon
 from celestcore.celestial.montecarlo import MonteCarlo, Pooled, Scores, monte_carlo
 from celestcore.celestial.navigator import CelestialNavigator
+from celestcore.celestial.refracted import RefractedStars, refracted_stars
+from celestcore.celestial.refraction import Atmosphere, Rays, StarRefraction
 from celestcore.celestial.scenario import Scenario
 from celestcore.celestial.solution import OrbitSolution
 
 __all__ = [
     "AngleTable",
+    "Atmosphere",
     "CelestialLog",
     "CelestialNavigator",
     "MonteCarlo",
     "OrbitSolution",
     "Pooled",
+    "Rays",
+    "RefractedStars",
     "Scenario",
     "Scores",
     "SkyCamera",
     "StarHorizon",
+    "StarRefraction",
     "StarsInView",
     "monte_carlo",
+    "refracted_stars",
 ]

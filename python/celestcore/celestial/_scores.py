@@ -159,7 +159,7 @@ class Scores:
         Examples
         --------
         >>> zeros = np.zeros(2)
-        >>> made = Scores(np.arange(2), *[zeros + 1.0] * 11, np.zeros((2, 6)), zeros, {})
+        >>> made = Scores(np.arange(2), *[zeros + 1.0] * 10, np.zeros((2, 6)), zeros, {})
         >>> made.pooled().mean_position
         1.0
         """
@@ -218,7 +218,7 @@ class MonteCarlo(Campaign[Scores]):
         Examples
         --------
         >>> zeros = np.zeros(2)
-        >>> made = Scores(np.arange(2), *[zeros] * 11, np.zeros((2, 6)), zeros, {})
+        >>> made = Scores(np.arange(2), *[zeros] * 10, np.zeros((2, 6)), zeros, {})
         >>> result = MonteCarlo({"ekf": made}, seed=1, first=0, trials=2, skip=0.0)
         >>> result.to_dataframe()["trial"].tolist()
         [0, 1]

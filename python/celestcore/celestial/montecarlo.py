@@ -156,5 +156,5 @@ def _setups(scenario: Scenario, navs: Mapping[str, CelestialNavigator]) -> dict[
     for name, nav in navs.items():
         own = environment_of(nav.dynamics.force, epoch, t, tables)
         tables = own if tables is None else tables
-        out[name] = nav._described(own)
+        out[name] = nav._described(own, epoch, float(t[len(t) // 2]))
     return out

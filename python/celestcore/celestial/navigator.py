@@ -14,12 +14,14 @@ from celestcore._check import FloatArray, array, number, times, warn
 from celestcore._epoch import epoch_string
 from celestcore.celestial.log import CelestialLog
 from celestcore.celestial.measurements import StarHorizon
+from celestcore.celestial.refraction import StarRefraction
 from celestcore.celestial.solution import OrbitSolution
 from celestcore.celestial.stream import CelestialState
 from celestcore.errors import InputError
-from celestcore.filters import EKF, UKF, IteratedEKF, ScoreEKF
+from celestcore.filters import EKF, UKF, UPF, BootstrapPF, IteratedEKF, LiteralUKF, ScoreEKF
 from celestcore.orbit.dynamics import OrbitDynamics
 from celestcore.orbit.propagate import environment_of, position, velocity
+from celestcore.simulate._scenario import whole
 
 if TYPE_CHECKING:
     from celestcore.celestial.montecarlo import MonteCarlo
@@ -27,7 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CelestialNavigator"]
 
-OrbitFilter: TypeAlias = EKF | UKF | IteratedEKF | ScoreEKF
+OrbitFilter: TypeAlias = EKF | UKF | IteratedEKF | ScoreEKF | UPF | BootstrapPF
+KINDS = (EKF, UKF, IteratedEKF, ScoreEKF, UPF, BootstrapPF)
 Sigma0: TypeAlias = "tuple[ArrayLike, ArrayLike]"
 START_SIGMA = (1e3, 1.0)
 """1-sigma of a start's position [m] and velocity [m/s] if none is given."""
@@ -41,11 +44,11 @@ class CelestialNavigator:
 
     Parameters
     ----------
-    filter : EKF, UKF, SRUKF, IteratedEKF or ScoreEKF
+    filter : EKF, UKF, SRUKF, IteratedEKF, ScoreEKF, UPF or BootstrapPF
         The filter.
     dynamics : OrbitDynamics
         Forces and their uncertainty.
-    measurements : StarHorizon, or a sequence of measurements
+    measurements : StarHorizon, StarRefraction, or a sequence of both
         Noise of the angles, as the filter knows it.
     gate : float, optional
         Probability with which a good angle passes the chi-square gate, for example 0.9999. Each
@@ -77,16 +80,20 @@ class CelestialNavigator:
         self,
         filter: OrbitFilter,  # noqa: A002 - the field's word
         dynamics: OrbitDynamics,
-        measurements: StarHorizon | Sequence[Any],
+        measurements: StarHorizon | StarRefraction | Sequence[Any],
         *,
         gate: float | None = None,
         huber: float | None = None,
         combine: bool = True,
     ) -> None:
-        self.filter: OrbitFilter = checked(filter, "filter", EKF, UKF, IteratedEKF, ScoreEKF)
+        self.filter: OrbitFilter = checked(filter, "filter", *KINDS)
+        if isinstance(filter, LiteralUKF):
+            raise InputError("estimates attitudes, not orbits", field="filter", value=filter)
         self.dynamics: OrbitDynamics = checked(dynamics, "dynamics", OrbitDynamics)
         given = measurements if isinstance(measurements, Sequence) else [measurements]
-        self.measurements = tuple(checked(m, "measurements", StarHorizon) for m in given)
+        self.measurements = tuple(
+            checked(m, "measurements", StarHorizon, StarRefraction) for m in given
+        )
         if not self.measurements:
             raise InputError("needs at least one, such as StarHorizon()", field="measurements")
         self.gate = None if gate is None else number(gate, "gate", above=0.0)
@@ -123,6 +130,8 @@ class CelestialNavigator:
         every: int = 1,
         covariance: bool = False,
         environment: dict[str, Any] | None = None,
+        seed: int = 0,
+        trial: int = 0,
         portable: bool = False,
         progress: Callable[[int, int], object] | None = None,
     ) -> OrbitSolution:
@@ -149,6 +158,8 @@ class CelestialNavigator:
             Whether to keep full covariances.
         environment : dict, optional
             Tables from `celestcore.frames.environment` to be used again.
+        seed, trial : int
+            Of a particle filter's random numbers: same numbers, same bits.
         portable : bool
             Compute without the wide instructions of this machine: same bits on every x86-64
             machine, slower.
@@ -186,6 +197,8 @@ class CelestialNavigator:
             "every": every,
             "covariance": covariance,
             "environment": environment,
+            "seed": seed,
+            "trial": trial,
             "portable": portable,
             "progress": progress,
         }
@@ -317,27 +330,34 @@ class CelestialNavigator:
         span = np.array([begin, begin + number(until, "until", above=0.0)])
         tables = environment_of(self.dynamics.force, epoch_string(epoch), span, None)
         start = [*position(r), *velocity(v)]
-        return CelestialState(self, begin, start, covariance_of(sigma0, covariance0), tables)
+        return CelestialState(self, begin, start, covariance_of(sigma0, covariance0), tables, epoch)
 
     @property
     def horizon(self) -> StarHorizon | None:
         """The measurement of angles to the nadir, if there is one."""
         return next((m for m in self.measurements if isinstance(m, StarHorizon)), None)
 
-    def _described(self, tables: dict[str, Any] | None) -> dict[str, Any]:
+    @property
+    def refraction(self) -> StarRefraction | None:
+        """The measurement of starlight refraction, if there is one."""
+        return next((m for m in self.measurements if isinstance(m, StarRefraction)), None)
+
+    def _described(
+        self, tables: dict[str, Any] | None, epoch: Any = None, t: float = 0.0
+    ) -> dict[str, Any]:
         """Return filter, dynamics and sensors for the core."""
         outliers = ("keep", 0.0)
         if self.gate is not None:
             outliers = ("gate", self.gate)
         elif self.huber is not None:
             outliers = ("huber", self.huber)
-        horizon = self.horizon
+        horizon, refraction = self.horizon, self.refraction
         return {
             **self.filter._setup(),
             **self.dynamics._described(tables),
             "outliers": outliers,
             "horizon": None if horizon is None else horizon._described(self.combine),
-            "refraction": None,
+            "refraction": None if refraction is None else refraction._described(epoch, t),
         }
 
     def _replay(
@@ -347,7 +367,7 @@ class CelestialNavigator:
         progress = given["progress"]
         if progress is not None and not callable(progress):
             raise InputError("must be callable as progress(done, total)", field="progress")
-        used = {"horizon": self.horizon}
+        used = {"horizon": self.horizon, "refraction": self.refraction}
         tables = {name: table for name, table in log.tables.items() if used.get(name) is not None}
         if not tables:
             raise InputError(
@@ -359,8 +379,10 @@ class CelestialNavigator:
         start = [*position(r0), *velocity(v0)]
         p0 = covariance_of(given["sigma0"], given["covariance0"])
         columns = {name: (table.t, table.star, table.angle) for name, table in tables.items()}
+        random = (whole(given["seed"], "seed", 64), whole(given["trial"], "trial", 56))
+        described = self._described(environment, log.epoch, float(stops[len(stops) // 2]))
         out = _core.celestial_run(
-            self._described(environment),
+            {**described, "random": random},
             stops,
             columns.get("horizon"),
             columns.get("refraction"),
@@ -382,6 +404,8 @@ _DEFAULTS: dict[str, Any] = {
     "every": 1,
     "covariance": False,
     "environment": None,
+    "seed": 0,
+    "trial": 0,
     "portable": False,
     "progress": None,
 }

@@ -46,6 +46,7 @@ class CelestialState(_core.OrbitStream):
 
     navigator: CelestialNavigator
     _tables: dict[str, Any] | None
+    _epoch: Any
 
     def __new__(
         cls,
@@ -54,11 +55,13 @@ class CelestialState(_core.OrbitStream):
         state: list[float],
         covariance: FloatArray,
         tables: dict[str, Any] | None,
+        epoch: Any = None,
     ) -> CelestialState:
         """Make the core's state."""
-        self = super().__new__(cls, navigator._described(tables), t, state, covariance)
+        self = super().__new__(cls, navigator._described(tables, epoch, t), t, state, covariance)
         self.navigator = navigator
         self._tables = tables
+        self._epoch = epoch
         return self
 
     @property
@@ -188,7 +191,7 @@ class CelestialState(_core.OrbitStream):
         (0.0, 10.0)
         """
         return CelestialState(
-            self.navigator, self.t, self.state.tolist(), self.covariance, self._tables
+            self.navigator, self.t, self.state.tolist(), self.covariance, self._tables, self._epoch
         )
 
 

@@ -4,16 +4,19 @@ use crate::convert::{Array, as_rows, flat, matrices, matrix6, rows, table};
 use crate::errors::{input, raise};
 use crate::listener::Listener;
 use crate::orbit::force;
+use crate::refraction::{RefractionTable, earth};
 use crate::stream::Update;
 use celestcore_core::Error;
 use celestcore_core::celestial::{
-    AnyFilter, CelestialSensors, Horizon, Log, Options, OrbitStream as Stream, Outliers, Refraction, Results, Source,
-    Use, run, smooth,
+    AnyFilter, CelestialSensors, Form, Horizon, Log, Options, OrbitStream as Stream, Outliers, Refraction, Results,
+    Source, Use, run, smooth,
 };
+use celestcore_core::cloud::Settings;
 use celestcore_core::filter::{Ekf, Iterated, Score, SrUkf, Ukf, Unscented};
-use celestcore_core::horizon::{AngleNoise, AngleSeries, Ellipsoid, Epochs, RefractionAngle, Shape};
+use celestcore_core::horizon::{AngleNoise, AngleSeries, Epochs, RefractionAngle, Shape};
 use celestcore_core::orbit::{OrbitModel, Scheme};
 use celestcore_core::replay::Start;
+use celestcore_core::resample::Resampling;
 use celestcore_core::scalar::Level;
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -37,6 +40,12 @@ pub(crate) struct Setup<'py> {
     iterations: usize,
     #[pyo3(item)]
     tolerance: f64,
+    /// How many, how resampled, below which effective part, moves, whether to recover.
+    #[pyo3(item)]
+    particles: Option<(usize, String, f64, usize, bool)>,
+    /// Seed and trial of a particle filter.
+    #[pyo3(item)]
+    random: (u64, u64),
     #[pyo3(item)]
     forces: Bound<'py, PyDict>,
     #[pyo3(item)]
@@ -53,9 +62,9 @@ pub(crate) struct Setup<'py> {
     /// Own and shared sigma, distribution and its number, whether an epoch's angles are used together.
     #[pyo3(item)]
     horizon: Option<(f64, f64, String, f64, bool)>,
-    /// Own sigma, relative sigma of the density, and for an oblate Earth its pole.
+    /// Own sigma, relative sigma of the density, for an oblate Earth its pole, and the air.
     #[pyo3(item)]
-    refraction: Option<(f64, f64, Option<[f64; 3]>)>,
+    refraction: Option<(f64, f64, Option<[f64; 3]>, Py<RefractionTable>)>,
 }
 
 impl Setup<'_> {
@@ -69,10 +78,40 @@ impl Setup<'_> {
             "ekf" => Ok(AnyFilter::Ekf(Ekf { reset: self.reset })),
             "ukf" => weights().map(|weights| AnyFilter::Ukf(Ukf { weights })).map_err(|e| raise(py, e)),
             "srukf" => weights().and_then(SrUkf::new).map(AnyFilter::SrUkf).map_err(|e| raise(py, e)),
+            "proposal" | "literal" | "bank" | "bootstrap" => self.cloud(py),
             "score" => Ok(AnyFilter::Score(Score)),
             "iterated" => Ok(AnyFilter::Iterated(Iterated { iterations: self.iterations, tolerance: self.tolerance })),
             other => Err(input(py, &format!("filter = {other:?}: does not estimate orbits"))),
         }
+    }
+
+    fn cloud(&self, py: Python<'_>) -> PyResult<AnyFilter> {
+        let Some((particles, resampling, threshold, moves, recover)) = &self.particles else {
+            return Err(input(py, "a particle filter without particles"));
+        };
+        let resampling = match resampling.as_str() {
+            "stratified" => Resampling::Stratified,
+            "residual" => Resampling::Residual,
+            "multinomial" => Resampling::Multinomial,
+            _ => Resampling::Systematic,
+        };
+        let form = match self.filter.as_str() {
+            "literal" => Form::Literal,
+            "bank" => Form::Bank,
+            "bootstrap" => Form::Bootstrap,
+            _ => Form::Proposal,
+        };
+        let weights = Unscented::new(self.alpha, self.beta, self.kappa).map_err(|e| raise(py, e))?;
+        let settings = Settings {
+            particles: *particles,
+            resampling,
+            threshold: *threshold,
+            moves: *moves,
+            ukf: Ukf { weights },
+            recover: *recover,
+        };
+        settings.check(6).map_err(|e| raise(py, e))?;
+        Ok(AnyFilter::Cloud(form, settings))
     }
 
     pub(crate) fn dynamics(&self, py: Python<'_>) -> PyResult<OrbitModel> {
@@ -92,9 +131,9 @@ impl Setup<'_> {
 
     /// The air, and the noise of refractions: own, and relative of the density.
     pub(crate) fn refraction(&self) -> Option<(RefractionAngle, f64, f64)> {
-        let (sigma, density_sigma, pole) = self.refraction?;
-        let earth = pole.map_or(Ellipsoid::SPHERE, Ellipsoid::wgs84);
-        Some((RefractionAngle::standard(earth), sigma, density_sigma))
+        let (sigma, density_sigma, pole, air) = self.refraction.as_ref()?;
+        let model = RefractionAngle { bending: air.get().bending.clone(), earth: earth(*pole) };
+        Some((model, *sigma, *density_sigma))
     }
 
     /// Noise of the angles and how they are used.
@@ -161,7 +200,8 @@ fn celestial_run<'py>(
     }
     let sensors = CelestialSensors::new(&sources, setup.outliers()).map_err(|e| raise(py, e))?;
     let start = Start { t, mean, covariance: p0, used: None };
-    let options = Options { every, level: if portable { Level::Portable } else { Level::best() } };
+    let level = if portable { Level::Portable } else { Level::best() };
+    let options = Options { every, level, random: setup.random };
     let mut results = Results { with_covariance: covariance, ..Results::default() };
     let mut listener = Listener::new(progress, times.len() * if back { 2 } else { 1 });
     let began = Instant::now();

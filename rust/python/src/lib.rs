@@ -11,6 +11,7 @@ mod errors;
 mod listener;
 mod orbit;
 mod quaternions;
+mod refraction;
 mod replay;
 mod simulate;
 mod stream;
@@ -37,6 +38,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(chi2_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(chi2_cdf, m)?)?;
     quaternions::register(m)?;
+    refraction::register(m)?;
     replay::register(m)?;
     camera::register(m)?;
     wahba::register(m)?;

@@ -165,9 +165,11 @@ impl<'a> Worker<'a> {
         let mut out = Vec::with_capacity(campaign.estimators.len());
         for estimator in &campaign.estimators {
             keep_on(self.stop)?;
-            out.push(match self.estimate(estimator, &mean) {
+            out.push(match self.estimate(estimator, &mean, trial) {
                 // what breaks down in one trial says something of the estimator
-                Err(error @ (Error::NotPositiveDefinite { .. } | Error::Impact { .. })) => Err(error),
+                Err(error @ (Error::NotPositiveDefinite { .. } | Error::Impact { .. } | Error::Vanished { .. })) => {
+                    Err(error)
+                }
                 other => Ok(other?),
             });
         }
@@ -175,7 +177,7 @@ impl<'a> Worker<'a> {
     }
 
     /// Runs one estimator on the angles and scores it.
-    fn estimate(&mut self, e: &Estimator, mean: &[f64; 6]) -> Result<Score> {
+    fn estimate(&mut self, e: &Estimator, mean: &[f64; 6], trial: u64) -> Result<Score> {
         let (campaign, stop) = (self.campaign, self.stop);
         let flight = &campaign.flight;
         let horizon = e.horizon.map(|(noise, how)| Source::Horizon(Horizon { epochs: &self.epochs, noise, how }));
@@ -185,7 +187,7 @@ impl<'a> Worker<'a> {
         let sigma = flight.start_sigma;
         let covariance = from_fn(|i, j| if i == j { sigma[i] * sigma[i] } else { 0.0 });
         let start = Start { t: flight.t[0], mean: *mean, covariance, used: None };
-        let options = Options { every: 1, level: campaign.level };
+        let options = Options { every: 1, level: campaign.level, random: (campaign.seed, trial) };
         let call = if e.smooth { smooth } else { run };
         let began = Instant::now();
         let end = call(&e.filter, log, &start, &options, &mut self.results, &mut |_| keep_on(stop))?;
@@ -222,15 +224,14 @@ fn score(flight: &Flight<'_>, out: &Results, (skip, seconds): (f64, f64), end: &
     let from = flight.t[0] + skip;
     let (mut position, mut velocity) = (Lengths::default(), Lengths::default());
     let mut nees = 0.0;
-    let rows = out.t.iter().zip(&out.state).zip(&out.covariance).zip(flight.state).enumerate();
-    for (row, (((t, state), covariance), truth)) in rows {
+    for (((t, state), covariance), truth) in out.t.iter().zip(&out.state).zip(&out.covariance).zip(flight.state) {
         if *t < from {
             continue;
         }
         let error: [f64; 6] = std::array::from_fn(|i| state[i] - truth[i]);
         position.add(&error[..3]);
         velocity.add(&error[3..]);
-        nees += normalised(&error, covariance, row, *t)?;
+        nees += normalised(&error, covariance);
     }
     let (nis, accepted) = measured(out, from);
     let effective = out.effective.iter().sum::<f64>() / out.effective.len() as f64;
@@ -265,11 +266,9 @@ fn measured(out: &Results, from: f64) -> (f64, f64) {
     (nis / f64::from(dofs), f64::from(taken) / f64::from(all))
 }
 
-fn normalised(e: &[f64; 6], p: &[[f64; 6]; 6], step: usize, t: f64) -> Result<f64> {
+fn normalised(e: &[f64; 6], p: &[[f64; 6]; 6]) -> f64 {
     let p: Matrix<f64, 6, 6> = from_fn(|i, j| p[i][j]);
     let (l, ok) = cholesky(&p);
-    if !ok {
-        return Err(Error::NotPositiveDefinite { what: "covariance", step, t });
-    }
-    Ok(forward_solve(&l, e).iter().map(|y| y * y).sum())
+    // particles that have all become one claim to know the state
+    if ok { forward_solve(&l, e).iter().map(|y| y * y).sum() } else { f64::INFINITY }
 }

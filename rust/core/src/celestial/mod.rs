@@ -10,7 +10,7 @@ mod stream;
 
 pub use campaign::{Campaign, Estimator, Flight, Score, Scored, Spread, monte_carlo};
 pub use results::Results;
-pub use run::{AnyFilter, Log, Options, run, smooth};
+pub use run::{AnyFilter, Form, Log, Options, run, smooth};
 pub use sensors::{CelestialSensors, Horizon, Outliers, Refraction, Source, Use};
 pub use simulate::{AngleScene, Blunders};
 pub use sky::{Seen, SkyField};

@@ -2,6 +2,7 @@
 
 use super::sensors::CelestialSensors;
 use crate::belief::Belief;
+use crate::cloud::Weighing;
 use crate::manifold::Euclidean;
 use crate::replay::{MAX_DOF, Recorder, Report, Sink};
 use crate::scalar::Real;
@@ -101,6 +102,10 @@ impl Sink<Euclidean<6>, 6> for Pass<'_> {
     #[inline(always)]
     fn measured(&mut self, i: usize, report: &Report) {
         self.results.measured(self.sensors.at(i), self.sensors.source(i), report);
+    }
+    #[inline(always)]
+    fn weighed(&mut self, _: usize, weighing: &Weighing) {
+        self.results.effective.push(weighing.effective);
     }
     #[inline(always)]
     fn leaving<T: Real, B: Belief<Euclidean<6>, T, 6>>(&mut self, t: f64, to: f64, k: usize, belief: &B) {

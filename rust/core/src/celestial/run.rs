@@ -2,13 +2,15 @@
 
 use super::results::{Pass, Results};
 use super::sensors::CelestialSensors;
-use crate::error::Result;
+use crate::cloud::{Bank, Bootstrap, Literal, Proposal, Settings};
+use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, Iterated, Score, SrUkf, Ukf};
 use crate::manifold::{Euclidean, Family};
 use crate::model::Dynamics;
 use crate::orbit::{Nothing, OrbitModel};
-use crate::replay::{Drive, End, Output, Recorder, Replay, Start, smooth as back};
+use crate::replay::{Drive, End, Output, Recorder, Replay, Sampled, Start, smooth as back};
 use crate::scalar::{Baseline, Level, Real, Run, Runner};
+use crate::simulate::rng::{Stream, channel};
 
 /// The filters, chosen at run time, once per run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,6 +25,21 @@ pub enum AnyFilter {
     Iterated(Iterated),
     /// Score-function filter; for angles used one by one.
     Score(Score),
+    /// Particles.
+    Cloud(Form, Settings),
+}
+
+/// The particle filters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// See [`Proposal`].
+    Proposal,
+    /// See [`Literal`].
+    Literal,
+    /// See [`Bank`].
+    Bank,
+    /// See [`Bootstrap`].
+    Bootstrap,
 }
 
 /// A satellite's dynamics and what it measured.
@@ -43,6 +60,8 @@ pub struct Options {
     pub every: usize,
     /// Instruction set.
     pub level: Level,
+    /// Seed and trial of the particles' random numbers.
+    pub random: (u64, u64),
 }
 
 /// Times without inputs between them.
@@ -106,6 +125,28 @@ impl Call<'_> {
             AnyFilter::SrUkf(f) => self.with(level, f),
             AnyFilter::Iterated(f) => self.with(Baseline, f),
             AnyFilter::Score(f) => self.with(level, f),
+            AnyFilter::Cloud(form, settings) => self.sampled(*form, *settings),
+        }
+    }
+
+    fn sampled(self, form: Form, settings: Settings) -> Result<End<Euclidean<6>, 6>> {
+        if self.back {
+            let need = "do not go with smoothing: particles have no way back; smooth the UKF";
+            return Err(Error::Parameter { field: "particles", value: settings.particles as f64, need });
+        }
+        self.results.clear();
+        let Log { dynamics, times, sensors } = self.log;
+        let pass = Pass { results: self.results, sensors, recorder: None };
+        let replay = Sampled { dynamics, drive: &Times(times), sensors, every: self.options.every.max(1) };
+        let (seed, trial) = self.options.random;
+        let stream = Stream::new(seed, trial, channel::PARTICLES);
+        let job = CloudJob { replay, start: self.start, pass, settings, stream, poll: self.poll };
+        let level = self.options.level;
+        match form {
+            Form::Proposal => level.run(ProposalJob(job)),
+            Form::Literal => level.run(LiteralJob(job)),
+            Form::Bank => level.run(BankJob(job)),
+            Form::Bootstrap => level.run(BootstrapJob(job)),
         }
     }
 
@@ -144,3 +185,29 @@ impl<F: Filter> Run for Job<'_, '_, F> {
         Ok(end)
     }
 }
+
+/// A pass of a particle filter.
+struct CloudJob<'a, 'c> {
+    replay: Sampled<'c, OrbitModel, Times<'c>, CelestialSensors<'c>>,
+    start: &'c Start<Euclidean<6>, 6>,
+    pass: Pass<'a>,
+    settings: Settings,
+    stream: Stream,
+    poll: &'c mut dyn FnMut(usize) -> Result<()>,
+}
+
+macro_rules! cloud_jobs {
+    ($($job:ident $cloud:ident),*) => {$(
+        struct $job<'a, 'c>(CloudJob<'a, 'c>);
+        impl Run for $job<'_, '_> {
+            type Output = Result<End<Euclidean<6>, 6>>;
+            #[inline(always)]
+            fn run<T: Real<Mask = bool>>(self) -> Self::Output {
+                let CloudJob { replay, start, mut pass, settings, stream, poll } = self.0;
+                let mut cloud = $cloud::<Euclidean<6>, T, 6>::new(&start.mean, &start.covariance, settings, stream)?;
+                replay.run::<T, _, _, 6>(start, &mut cloud, &mut pass, poll)
+            }
+        }
+    )*};
+}
+cloud_jobs!(ProposalJob Proposal, LiteralJob Literal, BankJob Bank, BootstrapJob Bootstrap);

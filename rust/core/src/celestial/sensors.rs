@@ -7,7 +7,7 @@ use crate::filter::Filter;
 use crate::horizon::{
     AngleNoise, Epochs, Expected, NadirPlane, RefractionAngle, RefractionGiven, Robust, StarAngle, StarGiven,
 };
-use crate::linalg::{Matrix, from_fn, zeros};
+use crate::linalg::{Matrix, from_fn};
 use crate::manifold::Euclidean;
 use crate::model::Measurement;
 use crate::quaternion::dot3;
@@ -179,22 +179,16 @@ impl<'a> CelestialSensors<'a> {
         let r = [x[0], x[1], x[2]];
         let inverse = dot3(&r, &r).sqrt().recip();
         let nadir = r.map(|c| -(c * inverse));
-        let spread: Matrix<T, 3, 3> = match self.robust {
-            Robust::No => zeros(),
-            _ => {
-                let p = belief.covariance();
-                from_fn(|i, j| p[(i, j)] * (inverse * inverse))
-            }
-        };
+        let p = belief.covariance();
+        let spread: Matrix<T, 3, 3> = from_fn(|i, j| p[(i, j)] * (inverse * inverse));
         let seen = horizon.epochs.rows(epoch).len();
         let expected = Expected { nadir, spread };
         let fitted = horizon.epochs.fit(epoch, &horizon.noise, self.robust, &expected);
         let Some(fitted) = fitted else {
             return Report { rows: [seen, 0], ..nothing() };
         };
-        let zero = [T::zero(); 2];
         let infinite = T::splat(f64::INFINITY);
-        let outcome = filter.update::<_, T, 6, 2>(belief, &NadirPlane, &fitted.given, &zero, infinite);
+        let outcome = filter.update::<_, T, 6, 2>(belief, &NadirPlane, &fitted.given, &fitted.value, infinite);
         let report = Report::from(outcome);
         Report { dof: fitted.rank, rows: [seen, if report.accepted { fitted.used } else { 0 }], ..report }
     }

@@ -84,7 +84,7 @@ impl OrbitStream {
             AnyFilter::Ukf(f) => self.level.run(Job(job, f)),
             AnyFilter::SrUkf(f) => self.level.run(Job(job, f)),
             AnyFilter::Score(f) => self.level.run(Job(job, f)),
-            AnyFilter::Iterated(_) => return Err(Error::NotStreaming),
+            AnyFilter::Iterated(_) | AnyFilter::Cloud(..) => return Err(Error::NotStreaming),
         };
         let (report, mean, covariance) = made.ok_or(Error::NotPositiveDefinite { what, step: 0, t: self.t })?;
         (self.mean, self.covariance) = (mean, covariance);

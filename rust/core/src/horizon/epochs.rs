@@ -55,8 +55,10 @@ pub enum Robust {
 /// A nadir direction that an epoch's angles have given.
 #[derive(Clone, Copy, Debug)]
 pub struct Fitted<T> {
-    /// Axes across the direction, and the covariance of its components along them.
+    /// Axes across the place of linearisation, and the covariance of the direction's components along them.
     pub given: PlaneGiven<T>,
+    /// The components.
+    pub value: [T; 2],
     /// Angles that were used.
     pub used: usize,
     /// Directions that they fix: 2, or 1.
@@ -152,8 +154,12 @@ impl Epochs {
         (s.star, s.sin.atan2(s.cos))
     }
 
-    /// Fits a nadir direction to the angles of an epoch, from the one that is expected. None where no angle
-    /// is left to use.
+    /// What the angles of an epoch say of the nadir direction, linearised where they and the expected direction
+    /// agree best. None where no angle is left to use.
+    ///
+    /// The expected direction takes part in finding that place, by its own uncertainty: two stars nearly in
+    /// one plane with the nadir fix its direction across that plane so badly that without it the fit would run to where
+    /// angles bend the other way. What comes back is the angles' part alone.
     #[inline(always)]
     pub fn fit<T: Real>(
         &self,
@@ -170,28 +176,18 @@ impl Epochs {
         }
         let tolerance = T::splat((SMALL * noise.own) * (SMALL * noise.own));
         for _ in 0..ITERATIONS {
-            let inverse = sums.inverse();
-            let mut step = [
-                inverse[0] * sums.gradient[0] + inverse[1] * sums.gradient[1],
-                inverse[1] * sums.gradient[0] + inverse[2] * sums.gradient[1],
-            ];
+            let step = sums.step(&nadir, expected, noise);
             let square = step[0] * step[0] + step[1] * step[1];
-            let part = T::splat(LONGEST) * square.sqrt().recip();
-            let part = T::select(part.gt(T::one()), T::one(), part);
-            // without a step there is no direction to cut
-            let part = T::select(square.gt(T::zero()), part, T::one());
-            step = [step[0] * part, step[1] * part];
+            if tolerance.gt(square).all() {
+                break;
+            }
             let mut moved = nadir;
             for i in 0..3 {
                 moved[i] = step[1].mul_add(sums.axes[1][i], step[0].mul_add(sums.axes[0][i], nadir[i]));
             }
             let length = dot3(&moved, &moved).sqrt().recip();
             nadir = [moved[0] * length, moved[1] * length, moved[2] * length];
-            // which angles are used is settled before the first step
             sums = self.sums(rows.clone(), noise, &nadir, (robust, expected));
-            if tolerance.gt(square).all() {
-                break;
-            }
         }
         Some(sums.fitted(noise))
     }
@@ -363,6 +359,13 @@ fn small_angle<T: Real>(sine: T, cosine: T) -> T {
     )
 }
 
+/// Inverse of a symmetric matrix, each as `(aa, ab, bb)`.
+#[inline(always)]
+fn inverse<T: Real>(aa: T, ab: T, bb: T) -> [T; 3] {
+    let inverse = (aa * bb - ab * ab).recip();
+    [bb * inverse, -ab * inverse, aa * inverse]
+}
+
 /// Normal equations of an epoch.
 struct Sums<T> {
     axes: [[T; 3]; 2],
@@ -373,18 +376,39 @@ struct Sums<T> {
 }
 
 impl<T: Real> Sums<T> {
+    /// Step of Gauss and Newton towards the place where angles and expectation agree best, cut to a length that angles
+    /// can follow.
+    #[inline(always)]
+    fn step(&self, nadir: &[T; 3], expected: &Expected<T>, noise: &AngleNoise) -> [T; 2] {
+        let away = [nadir[0] - expected.nadir[0], nadir[1] - expected.nadir[1], nadir[2] - expected.nadir[2]];
+        let off = [dot3(&self.axes[0], &away), dot3(&self.axes[1], &away)];
+        let p = &expected.spread;
+        let spread = |a: &[T; 3], b: &[T; 3]| {
+            let row = |i: usize| dot3(&[p[(i, 0)], p[(i, 1)], p[(i, 2)]], b);
+            dot3(a, &[row(0), row(1), row(2)])
+        };
+        let shared = T::splat(noise.shared * noise.shared);
+        let [u, v] = &self.axes;
+        let [aa, ab, bb] = inverse(spread(u, u) + shared, spread(u, v), spread(v, v) + shared);
+        let gradient = [self.gradient[0] - aa * off[0] - ab * off[1], self.gradient[1] - ab * off[0] - bb * off[1]];
+        let [aa, ab, bb] = inverse(self.squares[0] + aa, self.squares[1] + ab, self.squares[2] + bb);
+        let step = [aa * gradient[0] + ab * gradient[1], ab * gradient[0] + bb * gradient[1]];
+        let square = step[0] * step[0] + step[1] * step[1];
+        let long = square.gt(T::splat(LONGEST * LONGEST));
+        let part = T::select(long, T::select(long, square, T::one()).sqrt().recip() * LONGEST, T::one());
+        [step[0] * part, step[1] * part]
+    }
+
     /// Inverse of the information. An axis that the stars do not fix is held, loosely enough not to count.
     #[inline(always)]
     fn inverse(&self) -> [T; 3] {
         let floor = (self.squares[0] + self.squares[2]) * FLOOR;
-        let [aa, ab, bb] = [self.squares[0] + floor, self.squares[1], self.squares[2] + floor];
-        let inverse = (aa * bb - ab * ab).recip();
-        [bb * inverse, -ab * inverse, aa * inverse]
+        inverse(self.squares[0] + floor, self.squares[1], self.squares[2] + floor)
     }
 
-    /// The axes turned so that the first one is the one that is fixed.
+    /// Along axes of which the first one is the one that is fixed.
     #[inline(always)]
-    fn principal(&self) -> [[T; 3]; 2] {
+    fn along_principal(&self, shared: T) -> Fitted<T> {
         let [aa, ab, bb] = self.squares;
         let turn = |f: fn(f64) -> f64| {
             T::from_lanes(
@@ -399,14 +423,10 @@ impl<T: Real> Sums<T> {
             axes[0][i] = cos * u[i] + sin * v[i];
             axes[1][i] = cos * v[i] - sin * u[i];
         }
-        axes
-    }
-
-    /// Covariance along them.
-    #[inline(always)]
-    fn along_principal(&self) -> [T; 3] {
-        let trace = self.squares[0] + self.squares[2];
-        [trace.recip(), T::zero(), (trace * FLOOR).recip()]
+        let own = (aa + bb).recip();
+        let along = (cos * self.gradient[0] + sin * self.gradient[1]) * own;
+        let noise = [own + shared, T::zero(), own * (1.0 / FLOOR)];
+        Fitted { given: PlaneGiven { axes, noise }, value: [along, T::zero()], used: self.used, rank: 1 }
     }
 
     #[inline(always)]
@@ -415,9 +435,12 @@ impl<T: Real> Sums<T> {
         let trace = self.squares[0] + self.squares[2];
         let determinant = self.squares[0] * self.squares[2] - self.squares[1] * self.squares[1];
         let flat = (trace * trace * FLAT).gt(determinant).any();
-        let axes = if flat { self.principal() } else { self.axes };
-        let [aa, ab, bb] = if flat { self.along_principal() } else { self.inverse() };
-        let given = PlaneGiven { axes, noise: [aa + shared, ab, bb + shared] };
-        Fitted { given, used: self.used, rank: if flat { 1 } else { 2 } }
+        if flat {
+            return self.along_principal(shared);
+        }
+        let [aa, ab, bb] = self.inverse();
+        let [a, b] = self.gradient;
+        let given = PlaneGiven { axes: self.axes, noise: [aa + shared, ab, bb + shared] };
+        Fitted { given, value: [aa * a + ab * b, ab * a + bb * b], used: self.used, rank: 2 }
     }
 }

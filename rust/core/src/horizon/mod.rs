@@ -11,12 +11,16 @@
 
 mod angle;
 mod atmosphere;
+mod density;
 mod epochs;
+mod limb;
 mod noise;
 mod refraction;
 
 pub use angle::{AnglePlane, NadirPlane, PlaneGiven, PlaneGivens, StarAngle, StarGiven, StarGivens};
 pub use atmosphere::{Atmosphere, Bending, Level, REFRACTIVITY};
+pub use density::{Airless, UnknownDensity, WithDensity};
 pub use epochs::{AngleSeries, Epochs, Expected, Fitted, Robust};
+pub use limb::{Limb, LimbField, LimbNoise, Passed, Sight};
 pub use noise::{AngleNoise, Shape};
 pub use refraction::{Ellipsoid, Ray, RefractionAngle, RefractionGiven, RefractionGivens};

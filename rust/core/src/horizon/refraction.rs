@@ -124,6 +124,14 @@ impl RefractionAngle {
         Ray { angle: number(1), height: number(0), by_position, by_density: number(4) }
     }
 
+    /// What is known of a star's refraction at a position, `[sigma, density]` being the 1-sigma of the angle's own error,
+    /// rad, and the relative one of the density.
+    #[inline(always)]
+    pub fn given<T: Real>(&self, r: &[T; 3], star: &[T; 3], [sigma, density]: [f64; 2]) -> RefractionGiven<T> {
+        let density = self.ray(r, star, T::one()).by_density * density;
+        RefractionGiven { star: *star, sigma: T::splat(sigma), density }
+    }
+
     /// The sphere that osculates the ellipsoid along the ray, and the line's place over it.
     ///
     /// The line touches an ellipsoid of the same shape where its normal is across the line; `1/M` and `1/N` with the

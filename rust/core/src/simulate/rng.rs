@@ -21,6 +21,10 @@ pub mod channel {
     pub const START: u8 = 4;
     /// Samples of a particle filter.
     pub const PARTICLES: u8 = 5;
+    /// Own errors of refraction angles.
+    pub const REFRACTION: u8 = 9;
+    /// Density of the air that starlight passes.
+    pub const DENSITY: u8 = 10;
     /// Each star angle's own error.
     pub const ANGLES: u8 = 6;
     /// Error of the horizon sensor's nadir direction.
