@@ -51,12 +51,13 @@ def step(x: Array, dt: float, taylor: bool) -> Array:
     return x + dt / 6.0 * (a + 2.0 * b + 2.0 * c + flow(x + dt * c))
 
 
-def by_differences(x: Array, dt: float, taylor: bool) -> Array:
-    """Return the transition matrix (6, 6) of one step."""
+def transition(x: Array, dt: float, taylor: bool) -> Array:
+    """Return the transition matrix (6, 6) of one step: by differences, or the paper's I + A T."""
     size = np.array([10.0, 10.0, 10.0, 0.01, 0.01, 0.01])
     moved = np.vstack([x + np.diag(size), x - np.diag(size)])
-    out = step(moved, dt, taylor)
-    return np.asarray(((out[:6] - out[6:]) / (2.0 * size[:, None])).T)
+    out = flow(moved) if taylor else step(moved, dt, taylor)
+    slope = ((out[:6] - out[6:]) / (2.0 * size[:, None])).T
+    return np.eye(6) + dt * slope if taylor else slope
 
 
 def plain_filter(log: cc.CelestialLog, x: Array, psd: float, dt: float, taylor: bool) -> Array:
@@ -67,7 +68,7 @@ def plain_filter(log: cc.CelestialLog, x: Array, psd: float, dt: float, taylor: 
     table, out = log.horizon, []
     for k in range(round(model.DURATION / dt) + 1):
         if k:
-            f = by_differences(x, dt, taylor)
+            f = transition(x, dt, taylor)
             x, p = step(x[None], dt, taylor)[0], f @ p @ f.T + q
         rows = np.abs(table.t - k * dt) < 1e-6
         star, length = table.star[rows], np.linalg.norm(x[:3])
