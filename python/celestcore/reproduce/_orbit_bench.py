@@ -14,7 +14,8 @@ from celestcore.reproduce._orbit_scores import Scores
 
 Progress = Callable[[int, int, str], object]
 
-GATE, HUBER = 0.9999, 1.345
+OPTIONS: dict[str, Any] = {"ekf_gated": {"gate": 0.9999}, "huber": {"huber": 1.345}}
+"""A good angle passes with this probability; beyond so many sigma it counts less."""
 T_DOF = 3.0
 
 
@@ -124,19 +125,22 @@ def navigator(name: str, cell: Cell, robust: bool = False) -> Any:
     Parameters
     ----------
     name : str
+        With "_apart" after it, angles are used one by one instead of combined to a direction.
     cell : Cell
     robust : bool
         Whether the filters that use a likelihood take the noise for Student's t.
     """
+    name, apart, _ = name.partition("_apart")
     gravity = name.rpartition("_")[2] if name.endswith(("8x8", "21x21")) else "j2"
     psd = model.SCORE_PSD if name == "score" else model.ACCEL_PSD[gravity]
     integrator, edge = "rk4", model.EDGES.get(name.split("_")[0], 0.05)
     if name == "ekf_taylor":
         psd, integrator = model.TAYLOR_PSD[cell.period], "taylor"
     dynamics = cc.orbit.OrbitDynamics(model.force(gravity), psd, integrator=integrator)
-    options: dict[str, Any] = {"ekf_gated": {"gate": GATE}, "huber": {"huber": HUBER}}.get(name, {})
     told = cell._replace(distribution="student_t") if robust else cell
-    return cc.CelestialNavigator(_filter(name), dynamics, horizon(told, edge), **options)
+    return cc.CelestialNavigator(
+        _filter(name), dynamics, horizon(told, edge), combine=not apart, **OPTIONS.get(name, {})
+    )
 
 
 def _filter(name: str) -> Any:

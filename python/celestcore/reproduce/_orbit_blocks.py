@@ -185,8 +185,10 @@ def shapes(bench: Bench) -> list[dict[str, Any]]:
 START_FILTERS = {
     "ekf": "EKF",
     "ukf": "UKF, n + τ = 3",
-    "srukf": "square-root UKF, n + τ = 3",
     "ukf_scaled": "scaled UKF",
+    "ekf_apart": "EKF, angle by angle",
+    "ukf_apart": "UKF, n + τ = 3, angle by angle",
+    "ukf_scaled_apart": "scaled UKF, angle by angle",
 }
 
 

@@ -11,6 +11,7 @@ from celestcore.reproduce import _orbit_words as words
 from celestcore.reproduce._html import bullets, document, drawn, image, run_table, target_table
 from celestcore.reproduce._orbit_figures import figures
 from celestcore.reproduce._orbit_model import PERIODS
+from celestcore.reproduce._orbit_targets import WORDS
 from celestcore.reproduce._orbit_words import lead
 from celestcore.summary import spell_time
 
@@ -87,7 +88,8 @@ def _table_parts(result: Result) -> list[str]:
     for period in PERIODS:
         out.append(f"<h3>T = {period:g} s</h3>{tables.period_table(result, period)}")
     out.append("<h2>Table 2: the distribution of the noise, T = 15 s, noise A</h2>")
-    return [*out, tables.distribution_table(result)]
+    shown = "".join(f"<div>{tables.distribution_table(result, law)}</div>" for law in WORDS)
+    return [*out, f'<div class="two">{shown}</div>']
 
 
 def _refraction(result: Result) -> str:

@@ -84,9 +84,9 @@ def period_table(result: Result, period: float) -> str:
     return _table(result, groups)
 
 
-def distribution_table(result: Result) -> str:
-    """Return Table 2: the paper's columns for each distribution of the noise."""
-    return _table(result, [(WORDS[d], Cell(15.0, "A", d)) for d in WORDS])
+def distribution_table(result: Result, distribution: str) -> str:
+    """Return Table 2 for one distribution of the noise."""
+    return _table(result, [(WORDS[distribution], Cell(15.0, "A", distribution))])
 
 
 def _table(result: Result, groups: Sequence[tuple[str, Cell]]) -> str:
@@ -120,7 +120,7 @@ def _cells(scores: Scores, cell: Cell, name: str) -> str:
     for k, (_, key, of_paper) in enumerate(COLUMNS):
         position = key.endswith("position")
         ours = _length(scores.mean(key)) if position else f"{scores.mean(key):.3f}"
-        text = f"<b>{ours}</b> ± {_length(scores.scatter())}" if k == 0 else ours
+        text = f"<b>{ours}</b>{_scatter(scores)}" if k == 0 else ours
         if printed is not None:
             theirs = getattr(printed, of_paper)
             text += f"<br><small>{theirs:.{0 if position else 3}f}</small>"
@@ -128,6 +128,13 @@ def _cells(scores: Scores, cell: Cell, name: str) -> str:
     nees = scores.mean("nees") / DOF
     out.append(f"<td>{nees:.2f}</td>" if nees < MUCH else f"<td>&gt; {MUCH:.0f}</td>")
     return "".join(out)
+
+
+def _scatter(scores: Scores) -> str:
+    """Return the scatter from run to run, where the mean is not that of a lost filter."""
+    scatter = scores.scatter()
+    known = np.isfinite(scatter) and scores.mean() < LOST
+    return f" ± {_length(scatter)}" if known else ""
 
 
 def _length(value: float) -> str:

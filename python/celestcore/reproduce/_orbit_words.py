@@ -100,8 +100,8 @@ def _starts(result: Result) -> str:
         groups.setdefault(row["start"], []).append(said)
     found = "; ".join(f"from {start}: {', '.join(rows)}" for start, rows in groups.items())
     return (
-        "A sigma-point filter does pay where errors are huge, if its spread is scaled down. "
-        f"Runs that converge {found}."
+        "From large errors the form of the measurement decides more than the filter. Runs that "
+        f"converge, {found}."
     )
 
 
@@ -167,15 +167,15 @@ COST = (
     "is 2000 steps. Measured with one thread, on this machine."
 )
 OUTLIERS = (
-    "Each angle is wrong by a normal error of 50 sigma with a probability of 5 %, T = 60 s. A gate "
-    "rejects an angle whose innovation is improbable; Huber's weights bound what one angle can do; "
-    "the score filter is told the law of the noise and does both."
+    "Each angle is wrong by 50 sigma more, to either side, with a probability of 5 %; T = 60 s. A "
+    "gate rejects an angle whose innovation is improbable; Huber's weights bound what one angle "
+    "can do; the score filter and the particle filter are told that the noise is Student's t."
 )
 STARTS = (
     "The start is off by normal errors of this size per axis, P0 the same; T = 15 s, noise A. A "
-    "run converges if its position error stays below 5 km over the last orbit. “n + τ = 3” puts "
-    "the sigma points at √3 sigma, which at 500 km is through the Earth's curvature; the scaled "
-    "UKF (α = 1e-3) keeps them close."
+    "run converges if its position error stays below 5 km over the last orbit. Angles that are "
+    "first combined to the nadir direction are a nearly linear measurement, whatever the start; "
+    "one after the other, with the star close to the zenith, they are not."
 )
 REFRACTION = (
     "The second way of the paper's introduction, for which it gives no results: the refraction "
