@@ -56,8 +56,8 @@ def leave(x: FloatArray, way: FloatArray, flattening: float, scale: float) -> li
         return np.concatenate([y[3:], n * 2.26e-4 * scale * by_height * up])
 
     n = 1.0 + 2.26e-4 * scale * density(surface(x, flattening)[0])[0]
-    y0 = np.concatenate([x, n * way])
-    out = solve_ivp(slopes, (0.0, 1.6e6), y0, method="DOP853", rtol=1e-11, atol=1e-9, max_step=2e4)
+    y0, atol = np.concatenate([x, n * way]), [1e-6] * 3 + [1e-14] * 3
+    out = solve_ivp(slopes, (0.0, 1.6e6), y0, method="DOP853", rtol=1e-13, atol=atol, max_step=2e4)
     y = out.y[:, -1]
     return [y[:3], y[3:] / np.linalg.norm(y[3:])]
 

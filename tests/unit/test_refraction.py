@@ -48,7 +48,7 @@ def test_bending_is_its_integral(height: float) -> None:
     assert Atmosphere().bending(height) == pytest.approx(2.0 * sum(parts), rel=3e-5)
 
 
-@pytest.mark.parametrize("height", [20.5e3, 25e3, 30e3, 40e3])
+@pytest.mark.parametrize("height", [21e3, 25e3, 30e3, 40e3])
 def test_rays_over_a_sphere_are_those_of_the_differential_equation(height: float) -> None:
     for scale in (1.0, 1.03):
         r, star, bent = grazing(height, 0.3, 1.1, flattening=0.0, scale=scale)
@@ -61,16 +61,16 @@ def test_rays_over_a_sphere_are_those_of_the_differential_equation(height: float
 
 @pytest.mark.parametrize("latitude", [-80.0, -45.0, 0.0, 30.0, 45.0, 65.0, 89.0])
 def test_rays_over_the_ellipsoid(latitude: float) -> None:
-    """The osculating sphere is right to a metre, where the equator's is off by up to 21 km."""
+    """The osculating sphere is right to 0.5 m, where the equator's is off by up to 21 km."""
     worst = 0.0
     for azimuth in (0.0, 50.0, 90.0, 200.0, 300.0):
-        for height in (20.5e3, 30e3):
+        for height in (21e3, 30e3):
             r, star, bent = grazing(height, latitude * cc.DEG, azimuth * cc.DEG)
             rays = cc.StarRefraction().rays(r, star)
             slope = np.linalg.norm(rays.by_position)
-            worst = max(worst, abs(rays.angle - bent) / slope, abs(rays.height - height))
-    assert worst < 1.0
-    print(f"latitude {latitude}: {worst:.2f} m")
+            off = (abs(rays.angle - bent) / slope, abs(rays.height - height))
+            worst = max(worst, *map(float, off))
+    assert worst < 0.5
 
 
 def test_angles_have_the_derivatives_they_say() -> None:
@@ -214,7 +214,7 @@ def test_refractions_all_around_fix_a_position(
     for k in range(0, len(flight), 8):
         mine = seen.epoch == k
         star, angle = seen.star[mine], seen.angle[mine]
-        start = flight.r[k] + 3e3 * rng.normal(size=3)
+        start = flight.r[k] + 300.0 * rng.normal(size=3)
         found = fixed(start, seen.sensor, star, angle)
         assert np.linalg.norm(found - flight.r[k]) < 0.01
         noisy = fixed(start, seen.sensor, star, angle + 1e-7 * rng.normal(size=len(angle)))
@@ -227,8 +227,8 @@ def test_refractions_all_around_fix_a_position(
 def test_a_table_of_the_standard_is_the_standard() -> None:
     height = np.arange(0.0, 86e3, 500.0)
     air = Atmosphere(height, Atmosphere().density(height))
-    test = np.arange(14e3, 80e3, 1.3e3)
-    np.testing.assert_allclose(air.bending(test), Atmosphere().bending(test), rtol=2e-3)
+    test = np.array([14e3, 18e3, 22e3, 25e3, 28e3, 30e3, 35e3, 40e3, 45e3, 55e3, 65e3])
+    np.testing.assert_allclose(air.bending(test), Atmosphere().bending(test), rtol=1e-4)
     np.testing.assert_allclose(air.height(air.bending(test)), test, atol=1e-5)
     again = pickle.loads(pickle.dumps(air))
     assert again == air
@@ -290,3 +290,24 @@ def test_a_flight_through_the_night_is_quick(sky: cc.StarCatalogue) -> None:
         seen.measured(density_bias=2.0)
     with pytest.raises(cc.errors.InputError):
         seen.measured(trial=-1)
+
+
+def test_a_navigator_runs_on_refractions(sky: cc.StarCatalogue) -> None:
+    """Kilometres at the start become tens of metres, and innovations are what they should be."""
+    flight = orbit(600)
+    sensor = cc.StarRefraction()
+    seen = refracted_stars(flight, sky, sensor, fields=["fore", "aft", "right", "left"])
+    log = cc.CelestialLog(refraction=seen.measured(seed=4))
+    dynamics = cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), accel_psd=1e-9)
+    rng = np.random.default_rng(4)
+    r0 = flight.r[0] + 1e3 * rng.normal(size=3)
+    v0 = flight.v[0] + rng.normal(size=3)
+    for chosen in (cc.EKF(), cc.UKF()):
+        nav = cc.CelestialNavigator(chosen, dynamics, sensor)
+        sol = nav.run(log, r0, v0, t0=0.0, t_output=flight.t[1:])
+        off = np.linalg.norm(sol.r - flight.r, axis=1)[300:]
+        assert off.mean() < 100.0
+        assert np.nanmean(sol.nis) == pytest.approx(1.0, abs=4 * np.sqrt(2 / len(seen)))
+        ball = cc.CelestialNavigator(chosen, dynamics, cc.StarRefraction(oblate=False))
+        wrong = ball.run(log, r0, v0, t0=0.0, t_output=flight.t[1:])
+        assert np.linalg.norm(wrong.r - flight.r, axis=1)[300:].mean() > 1e3

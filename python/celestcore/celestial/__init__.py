@@ -22,12 +22,14 @@ from celestcore.celestial.refracted import RefractedStars, refracted_stars
 from celestcore.celestial.refraction import Atmosphere, Rays, StarRefraction
 from celestcore.celestial.scenario import Scenario
 from celestcore.celestial.solution import OrbitSolution
+from celestcore.celestial.stream import CelestialState
 
 __all__ = [
     "AngleTable",
     "Atmosphere",
     "CelestialLog",
     "CelestialNavigator",
+    "CelestialState",
     "MonteCarlo",
     "OrbitSolution",
     "Pooled",

@@ -89,9 +89,8 @@ class CelestialLog:
         epoch: Any = None,
     ) -> None:
         self.epoch = epoch_string(epoch)
-        self.horizon = _table(horizon, "horizon", (0.0, np.pi))
-        # small ones may be negative: noise
-        self.refraction = _table(refraction, "refraction", (-0.1, 0.1))
+        self.horizon = _table(horizon, "horizon", 0.0, np.pi)
+        self.refraction = _table(refraction, "refraction", -0.01, 0.1)  # noise may be larger
         if self.horizon is None and self.refraction is None:
             raise InputError("give horizon, refraction or both", field="log")
 
@@ -114,7 +113,7 @@ class CelestialLog:
         return np.unique(np.concatenate([table.t for table in self.tables.values()]))
 
 
-def _table(value: Any, name: str, limits: tuple[float, float]) -> AngleTable | None:
+def _table(value: Any, name: str, smallest: float, largest: float) -> AngleTable | None:
     if value is None or isinstance(value, AngleTable):
         return value
     try:
@@ -133,13 +132,12 @@ def _table(value: Any, name: str, limits: tuple[float, float]) -> AngleTable | N
         k = int(np.argmax(bad))
         raise InputError("must be finite", field=f"{name}.star", row=int(rows[k]), value=stars[k])
     unit_rows(stars, f"{name}.star", what="vector", hint=_HINT, rows=rows)
-    least, largest = limits
-    bad = ~((angles >= least) & (angles <= largest))
+    bad = ~((angles >= smallest) & (angles <= largest))
     if bad.any():
         k = int(np.argmax(bad))
         degrees = "; angles are in radians, these look like degrees" if angles[k] > np.pi else ""
         raise InputError(
-            f"must be an angle from {least:.4g} to {largest:.4g} rad{degrees}",
+            f"must be an angle from {smallest:g} to {largest:.4g} rad{degrees}",
             field=f"{name}.angle",
             row=int(rows[k]),
             value=angles[k],

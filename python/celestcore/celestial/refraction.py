@@ -53,7 +53,7 @@ class Atmosphere:
     --------
     >>> import celestcore as cc
     >>> (Atmosphere().bending([20e3, 25e3, 30e3, 40e3, 50e3]) / cc.ARCSEC).round(1)
-    array([333.9, 148.7,  67.6,  14.1,   3.4])
+    array([334.4, 148.8,  67.6,  14.1,   3.4])
     """
 
     def __init__(self, height: ArrayLike | None = None, density: ArrayLike | None = None) -> None:
@@ -98,8 +98,8 @@ class Atmosphere:
 
         Examples
         --------
-        >>> Atmosphere().density(0.0).round(4)
-        array(1.225)
+        >>> float(Atmosphere().density(0.0).round(4))
+        1.225
         """
         return _each(self._core.density, height, "height")
 
@@ -118,8 +118,8 @@ class Atmosphere:
 
         Examples
         --------
-        >>> Atmosphere().bending(25e3).round(6)
-        array(0.000721)
+        >>> float(Atmosphere().bending(25e3).round(6))
+        0.000721
         """
         return _each(self._core.bending, height, "height")
 
@@ -138,8 +138,8 @@ class Atmosphere:
 
         Examples
         --------
-        >>> Atmosphere().height(Atmosphere().bending(31e3)).round(3)
-        array(31000.)
+        >>> float(Atmosphere().height(Atmosphere().bending(31e3)).round(3))
+        31000.0
         """
         return _each(self._core.height, angle, "angle")
 
@@ -210,16 +210,16 @@ class StarRefraction:
 
     Over the ellipsoid the sphere is the one that osculates it below the ray's lowest point, in the
     ray's direction: ``Re = a / (W (1 + e'**2 (s . k)**2))``, ``W**2 = 1 - e**2 sin(latitude)**2``,
-    with the pole k. Against rays traced through ellipsoidal air it is wrong by less than 1 m of
-    height.
+    with the pole k. Against rays traced through ellipsoidal air it is wrong by less than
+    0.3 m of height (21 to 30 km, all latitudes and azimuths).
 
     Examples
     --------
     >>> import celestcore as cc
     >>> sensor = StarRefraction(3 * cc.ARCSEC, density_sigma=0.01)
     >>> rays = sensor.rays([7.138e6, 0.0, 0.0], [-0.4405, 0.8977, 0.0])
-    >>> (rays.angle / cc.ARCSEC).round(), rays.height.round(-2)
-    (array(67.), array(30000.))
+    >>> float((rays.angle / cc.ARCSEC).round()), float(rays.height.round(-2))
+    (59.0, 30800.0)
     """
 
     sigma: float = 3.0 * ARCSEC
@@ -308,12 +308,12 @@ class StarRefraction:
         except ValueError:
             what = f"shapes {position.shape} and {direction.shape} do not fit"
             raise InputError(what, field="star") from None
-        rows = [
+        at, to = (
             np.ascontiguousarray(np.broadcast_to(a, shape)).reshape(-1, 3)
             for a in (position, direction)
-        ]
+        )
         pole = self._pole(epoch, t)
-        out = self.air._core.rays(*rows, pole, number(scale, "scale", above=0.0))
+        out = self.air._core.rays(at, to, pole, number(scale, "scale", above=0.0))
         angle, height, by_position, by_density = out
         lead = shape[:-1]
         return Rays(

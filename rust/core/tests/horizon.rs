@@ -6,7 +6,7 @@ mod common;
 use celestcore_core::horizon::{
     AngleNoise, AngleSeries, Epochs, Expected, Fitted, NadirPlane, PlaneGiven, Robust, Shape, StarAngle, StarGiven,
 };
-use celestcore_core::linalg::{Matrix, from_fn, zeros};
+use celestcore_core::linalg::{Matrix, from_fn};
 use celestcore_core::manifold::{Euclidean, Manifold};
 use celestcore_core::model::Measurement;
 use celestcore_core::quaternion::{cross, dot3, tangents};
@@ -111,8 +111,17 @@ fn normal_noise(own: f64, shared: f64) -> AngleNoise {
     AngleNoise::new(own, shared, Shape::Normal).unwrap()
 }
 
-fn direction(fitted: &Fitted<f64>) -> [f64; 3] {
-    unit(cross(&fitted.given.axes[0], &fitted.given.axes[1]))
+/// The direction that the angles give, on the side of a known one.
+fn direction(fitted: &Fitted<f64>, near: &[f64; 3]) -> [f64; 3] {
+    let [u, v] = &fitted.given.axes;
+    let normal = cross(u, v);
+    let side = dot3(&normal, near).signum();
+    unit(std::array::from_fn(|i| side * normal[i] + fitted.value[0] * u[i] + fitted.value[1] * v[i]))
+}
+
+/// An expectation that says next to nothing.
+fn vague(nadir: [f64; 3]) -> Expected<f64> {
+    Expected { nadir, spread: from_fn(|i, j| if i == j { 1.0 } else { 0.0 }) }
 }
 
 #[test]
@@ -133,13 +142,13 @@ fn combined_angles_lose_nothing() {
             continue;
         }
         compared += 1;
-        let expected = Expected { nadir: guess, spread: zeros() };
+        let expected = vague(guess);
         let found = fit(&stars, &angles, &normal_noise(own, shared), Robust::No, &expected).unwrap();
         assert_eq!((found.used, found.rank), (stars.len(), 2));
         // it stops a thousandth of an angle's standard deviation from the end
-        let found_direction = direction(&found);
+        let found_direction = direction(&found, &best);
         for i in 0..3 {
-            assert!((found_direction[i].abs() - best[i].abs()).abs() < 1e-3 * own, "{found_direction:?} {best:?}");
+            assert!((found_direction[i] - best[i]).abs() < 1e-3 * own, "{found_direction:?} {best:?}");
         }
         let (axes, noise) = (tangents(&best), found.given.noise);
         for (i, j, c) in [(0, 0, noise[0]), (0, 1, noise[1]), (1, 1, noise[2])] {
@@ -156,7 +165,7 @@ fn combined_angles_lose_nothing() {
 #[test]
 fn stars_in_a_plane_fix_one_direction_only() {
     let up = [0.0, 0.0, 1.0];
-    let expected = Expected { nadir: up, spread: zeros() };
+    let expected = vague(up);
     let noise = normal_noise(1e-5, 1e-4);
     for stars in [vec![[1.0, 0.0, 0.0]], vec![[1.0, 0.0, 0.0], unit([1.0, 0.0, 1.0]), unit([-1.0, 0.0, 0.3])]] {
         let tilted = unit([2e-4, 5e-4, 1.0]);
@@ -169,9 +178,37 @@ fn stars_in_a_plane_fix_one_direction_only() {
         let own = 1e-10 / stars.len() as f64;
         assert!((found.given.noise[0] - own - 1e-8).abs() < 1e-14, "{:?}", found.given.noise);
         assert!(found.given.noise[2] > 1e-2);
-        let along = direction(&found)[0].abs();
+        let along = direction(&found, &up)[0];
         assert!((along - tilted[0]).abs() < 1e-7, "{along}");
     }
+}
+
+#[test]
+fn two_stars_nearly_in_a_plane_with_the_nadir_do_not_lead_astray() {
+    // both stars 3 degrees from the nadir's opposite, 1 degree from one line through it
+    let tilt = 3f64.to_radians();
+    let star = |azimuth: f64| [tilt.sin() * azimuth.cos(), tilt.sin() * azimuth.sin(), tilt.cos()];
+    let stars = [star(0.0), star(std::f64::consts::PI - 1f64.to_radians())];
+    let noise = normal_noise(3.5e-4, 0.0);
+    let sigma = 1e-5;
+    let spread = from_fn(|i, j| if i == j { sigma * sigma } else { 0.0 });
+    let nadir = [0.0, 0.0, -1.0];
+    let (mut normal, mut squares) = (normals(8), 0.0);
+    let (rounds, mut largest) = (400, 0.0f64);
+    for _ in 0..rounds {
+        let angles: Vec<f64> = stars.iter().map(|s| angle(s, &nadir) + 3.5e-4 * normal()).collect();
+        let found = fit(&stars, &angles, &noise, Robust::No, &Expected { nadir, spread }).unwrap();
+        let away = cross(&found.given.axes[0], &found.given.axes[1]);
+        largest = largest.max(away[0].hypot(away[1]));
+        let [aa, ab, bb] = found.given.noise;
+        let [a, b] = found.value;
+        squares += (bb * a * a - 2.0 * ab * a * b + aa * b * b) / (aa * bb - ab * ab);
+    }
+    // linearised within a few of the expectation's standard deviations
+    assert!(largest < 5.0 * sigma, "{largest:e}");
+    // chi-square with two degrees of freedom each, 3 standard deviations of the mean
+    let mean = squares / f64::from(rounds);
+    assert!((mean - 2.0).abs() < 3.0 * 2.0 / f64::from(rounds).sqrt(), "{mean}");
 }
 
 #[test]
@@ -187,7 +224,7 @@ fn an_angle_that_does_not_fit_its_prediction_is_left_out_or_counts_less() {
     let expected = Expected { nadir, spread };
     let off = |robust| {
         let found = fit(&stars, &angles, &noise, robust, &expected).unwrap();
-        let d = direction(&found);
+        let d = direction(&found, &nadir);
         let away = cross(&d, &nadir);
         (dot3(&away, &away).sqrt(), found.used)
     };

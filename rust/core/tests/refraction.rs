@@ -3,9 +3,15 @@
 
 mod common;
 
-use celestcore_core::horizon::{Atmosphere, Bending, Ellipsoid, REFRACTIVITY, RefractionAngle, RefractionGiven};
+use celestcore_core::belief::Belief;
+use celestcore_core::filter::{Ekf, Filter};
+use celestcore_core::horizon::{
+    Atmosphere, Bending, Ellipsoid, REFRACTIVITY, RefractionAngle, RefractionGiven, UnknownDensity, WithDensity,
+};
+use celestcore_core::linalg::from_fn;
 use celestcore_core::manifold::{Euclidean, Manifold};
-use celestcore_core::model::Measurement;
+use celestcore_core::model::{Dynamics, Measurement};
+use celestcore_core::orbit::{ForceModel, Gravity, J2, OrbitModel};
 use celestcore_core::quaternion::{cross, dot3};
 use celestcore_core::scalar::{Lanes, Real};
 use common::normals;
@@ -245,5 +251,96 @@ fn air_that_is_none_is_refused() {
         (vec![0.0, 1e4, 2e4], vec![1.2e9, 0.4e9, 0.1e9]),
     ] {
         assert!(Atmosphere::table(&height, &density).is_err());
+    }
+}
+
+/// An EKF on refractions all around, of air 1 % too dense: what it makes of the density, and its position.
+#[test]
+fn the_air_s_density_is_found_with_the_orbit() {
+    let mut normal = normals(6);
+    let force = ForceModel::new(
+        Gravity::J2(J2::new(3.986004415e14, 6_378_136.3, 1.082636e-3).unwrap()),
+        [false; 2],
+        None,
+        None,
+        None,
+    );
+    let orbit = OrbitModel::new(force.unwrap(), 1e-10, 30.0).unwrap();
+    let dynamics = WithDensity { orbit: orbit.clone(), sigma: 0.02, memory: 1e9 };
+    let sensor = RefractionAngle::standard(Ellipsoid::SPHERE);
+    let through = UnknownDensity(sensor.clone());
+    let stars: Vec<[f64; 3]> = (0..4000).map(|_| random_unit(&mut normal)).collect();
+    let (mut truth, speed) = ([7.138e6, 0.0, 0.0, 0.0, 0.0, 0.0], 7.46e3f64);
+    (truth[4], truth[5]) = (speed * 0.42, speed * 0.907);
+    let sigmas = [1e3, 1e3, 1e3, 1.0, 1.0, 1.0, 0.02];
+    let start: [f64; 7] = std::array::from_fn(|i| if i < 6 { truth[i] + sigmas[i] * normal() } else { 0.0 });
+    let p = from_fn(|i, j| if i == j { sigmas[i] * sigmas[i] } else { 0.0 });
+    let (mut known, _) = Ekf::default().belief::<Euclidean<7>, f64, 7>(start, &p);
+    let six = std::array::from_fn(|i| start[i]);
+    let (mut blind, _) = Ekf::default().belief::<Euclidean<6>, f64, 6>(six, &from_fn(|i, j| p[(i, j)]));
+    let (mut error, mut blind_error, mut n) = (0.0, 0.0, 0.0);
+    for k in 1..=400 {
+        let (t, dt) = (15.0 * f64::from(k - 1), 15.0);
+        truth = orbit.step(&truth, &(), t, dt);
+        assert!(Ekf::default().predict(&mut known, &dynamics, &(), t, dt));
+        assert!(Ekf::default().predict(&mut blind, &orbit, &(), t, dt));
+        let r = [truth[0], truth[1], truth[2]];
+        for star in &stars {
+            let ray = sensor.ray(&r, star, 1.01);
+            if !(ray.height > 20e3 && ray.height < 50e3) {
+                continue;
+            }
+            let given = RefractionGiven { star: *star, sigma: 3.0 * ARCSEC, density: 0.0 };
+            let z = [ray.angle + 3.0 * ARCSEC * normal()];
+            Ekf::default().update::<_, f64, 7, 1>(&mut known, &through, &given, &z, f64::INFINITY);
+            let given = RefractionGiven { density: 0.01 * ray.by_density, ..given };
+            Ekf::default().update::<_, f64, 6, 1>(&mut blind, &sensor, &given, &z, f64::INFINITY);
+        }
+        if k > 200 {
+            let off = |x: &[f64]| (0..3).map(|i| (x[i] - truth[i]).powi(2)).sum::<f64>();
+            (error, blind_error, n) = (error + off(known.mean()), blind_error + off(blind.mean()), n + 1.0);
+        }
+    }
+    let (density, sigma) = (known.mean()[6], known.covariance()[(6, 6)].sqrt());
+    assert!(sigma < 1e-3 && (density - 0.01).abs() < 4.0 * sigma, "{density} {sigma}");
+    let (error, blind_error) = ((error / n).sqrt(), (blind_error / n).sqrt());
+    assert!(error < 0.6 * blind_error, "{error} {blind_error}");
+}
+
+#[test]
+fn the_density_has_the_derivatives_it_says() {
+    let mut normal = normals(7);
+    let sensor = UnknownDensity(RefractionAngle::standard(Ellipsoid::SPHERE));
+    for i in 0..50 {
+        let (x, star) = sight(15e3 + 600.0 * f64::from(i), &mut normal);
+        let state: [f64; 7] = std::array::from_fn(|i| if i < 6 { x[i] } else { 0.03 });
+        let given = RefractionGiven { star, sigma: 1e-5, density: 0.0 };
+        let h = sensor.jacobian(&state, &given);
+        let image = |d: f64| sensor.predict(&std::array::from_fn(|i| if i < 6 { x[i] } else { 0.03 + d }), &given)[0];
+        assert!((h[(0, 6)] / ((image(1e-4) - image(-1e-4)) / 2e-4) - 1.0).abs() < 1e-6);
+        let six = sensor.0.ray(&[x[0], x[1], x[2]], &star, 1.03).by_position;
+        assert_eq!([h[(0, 0)], h[(0, 1)], h[(0, 2)], h[(0, 4)]], [six[0], six[1], six[2], 0.0]);
+    }
+}
+
+#[test]
+fn denser_is_lower_all_the_way() {
+    let bending = Bending::standard();
+    let mut before = f64::INFINITY;
+    for i in -400..6000 {
+        let level = bending.at(25.0 * f64::from(i));
+        assert!(level.angle[0] < before && level.angle[1] < 0.0, "{i}");
+        before = level.angle[0];
+    }
+    // lines over any latitude and at all heights have a ray that solves them
+    let mut normal = normals(8);
+    for i in 0..4000 {
+        let (x, star) = sight(-30e3 + 25.0 * f64::from(i), &mut normal);
+        let ray = RefractionAngle::standard(Ellipsoid::wgs84(random_unit(&mut normal))).ray(
+            &[x[0], x[1], x[2]],
+            &star,
+            1.0 + 0.01 * normal(),
+        );
+        assert!(ray.height.is_finite() && ray.angle > 0.0 && ray.by_density > 0.0, "{i} {ray:?}");
     }
 }

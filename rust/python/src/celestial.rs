@@ -23,6 +23,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::time::Instant;
 
+/// Own sigma, relative sigma of the density, for an oblate Earth its pole, and the air.
+type Refractions = (f64, f64, Option<[f64; 3]>, Py<RefractionTable>);
+
 /// Filter, dynamics and sensors as `CelestialNavigator._described` gives them.
 #[derive(FromPyObject)]
 pub(crate) struct Setup<'py> {
@@ -62,9 +65,9 @@ pub(crate) struct Setup<'py> {
     /// Own and shared sigma, distribution and its number, whether an epoch's angles are used together.
     #[pyo3(item)]
     horizon: Option<(f64, f64, String, f64, bool)>,
-    /// Own sigma, relative sigma of the density, for an oblate Earth its pole, and the air.
+    /// How starlight refraction is measured.
     #[pyo3(item)]
-    refraction: Option<(f64, f64, Option<[f64; 3]>, Py<RefractionTable>)>,
+    refraction: Option<Refractions>,
 }
 
 impl Setup<'_> {

@@ -146,6 +146,11 @@ impl<'a> CelestialSensors<'a> {
         Ok(Self { sources: sources.to_vec(), order, robust, gates })
     }
 
+    /// No measurements at all.
+    pub fn none() -> Self {
+        Self { sources: Vec::new(), order: Vec::new(), robust: Robust::No, gates: [f64::INFINITY; MAX_DOF] }
+    }
+
     /// How many measurements there are.
     pub fn count(&self) -> usize {
         self.order.len()

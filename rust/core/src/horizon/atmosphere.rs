@@ -206,6 +206,29 @@ fn spline(x: &[f64], y: &[f64]) -> Vec<f64> {
     slopes
 }
 
+/// Values that fall: just below 11 km the standard's air bends a lower ray less, so that light takes several ways; the
+/// table goes straight through.
+fn falling(mut y: Vec<f64>) -> Vec<f64> {
+    for i in 1..y.len() - 2 {
+        if y[i + 1] >= y[i] {
+            let (from, third) = (y[i - 1], (y[i + 2] - y[i - 1]) / 3.0);
+            (y[i], y[i + 1]) = (from + third, from + 2.0 * third);
+        }
+    }
+    y
+}
+
+/// Slopes limited so that the curve falls everywhere (Hyman 1983, with 2.5 for his 3): the standard's jumps would make a
+/// spline swing.
+fn monotone(y: &[f64], mut slopes: Vec<f64>) -> Vec<f64> {
+    for (i, slope) in slopes.iter_mut().enumerate() {
+        let before = if i > 0 { y[i] - y[i - 1] } else { f64::NEG_INFINITY };
+        let after = if i + 1 < y.len() { y[i + 1] - y[i] } else { f64::NEG_INFINITY };
+        *slope = slope.clamp((2.5 * before.max(after) / STEP).min(0.0), 0.0);
+    }
+    slopes
+}
+
 /// Value and derivative at `s` from 0 to 1 of the cubic through two values and slopes.
 #[inline(always)]
 fn hermite([y0, m0]: [f64; 2], [y1, m1]: [f64; 2], s: f64, width: f64) -> [f64; 2] {
@@ -241,8 +264,8 @@ impl Bending {
     #[must_use]
     pub fn new(atmosphere: Atmosphere) -> Self {
         let height: Vec<f64> = (0..ROWS).map(|i| i as f64 * STEP).collect();
-        let log: Vec<f64> = height.iter().map(|h| atmosphere.bending(*h, RADIUS).ln()).collect();
-        let slopes = spline(&height, &log);
+        let log = falling(height.iter().map(|h| atmosphere.bending(*h, RADIUS).ln()).collect());
+        let slopes = monotone(&log, spline(&height, &log));
         let air = |h: f64| {
             let [log, slope] = atmosphere.log_density(h);
             [log + REFRACTIVITY.ln(), slope]
@@ -279,6 +302,16 @@ impl Bending {
         let n = air_slope.mul_add(beyond.max(0.0), air).exp();
         let slope = n * air_slope;
         Level { angle: [angle, angle * bent_slope], refractivity: [slope.mul_add(beyond.min(0.0), n), slope] }
+    }
+
+    /// Logarithm of the bending, rad, at a height, m, and its derivative: finite for any height.
+    #[inline]
+    pub(super) fn log_angle(&self, height: f64) -> [f64; 2] {
+        let inside = height.clamp(0.0, (ROWS - 1) as f64 * STEP);
+        let row = inside * (1.0 / STEP);
+        let i = (row as usize).min(ROWS - 2);
+        let [log, slope] = hermite(self.rows[i][0], self.rows[i + 1][0], row - i as f64, STEP);
+        [slope.mul_add(height - inside, log), slope]
     }
 
     /// Height, m, that bends a ray by an angle, rad.

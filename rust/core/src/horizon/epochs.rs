@@ -168,28 +168,27 @@ impl Epochs {
         robust: Robust,
         expected: &Expected<T>,
     ) -> Option<Fitted<T>> {
-        let rows = self.rows(epoch);
-        let mut nadir = expected.nadir;
-        let mut sums = self.sums(rows.clone(), noise, &nadir, (robust, expected));
-        if sums.used == 0 {
-            return None;
-        }
         let tolerance = T::splat((SMALL * noise.own) * (SMALL * noise.own));
-        for _ in 0..ITERATIONS {
+        let mut nadir = expected.nadir;
+        let mut left = ITERATIONS;
+        loop {
+            let sums = self.sums(self.rows(epoch), noise, &nadir, (robust, expected));
+            if sums.used == 0 {
+                return None;
+            }
             let step = sums.step(&nadir, expected, noise);
             let square = step[0] * step[0] + step[1] * step[1];
-            if tolerance.gt(square).all() {
-                break;
+            if left == 0 || tolerance.gt(square).all() {
+                return Some(sums.fitted(noise));
             }
+            left -= 1;
             let mut moved = nadir;
             for i in 0..3 {
                 moved[i] = step[1].mul_add(sums.axes[1][i], step[0].mul_add(sums.axes[0][i], nadir[i]));
             }
             let length = dot3(&moved, &moved).sqrt().recip();
             nadir = [moved[0] * length, moved[1] * length, moved[2] * length];
-            sums = self.sums(rows.clone(), noise, &nadir, (robust, expected));
         }
-        Some(sums.fitted(noise))
     }
 
     /// Normal equations of the angles about a nadir direction, stars side by side.

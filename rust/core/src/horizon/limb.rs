@@ -100,7 +100,7 @@ impl Limb<'_> {
                     continue;
                 }
                 let ray = self.sensor.ray(&r, star, 1.0);
-                if ray.height < low || ray.height > high {
+                if !(low..=high).contains(&ray.height) {
                     continue;
                 }
                 let (before, pass) = &mut last[i];

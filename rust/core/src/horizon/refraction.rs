@@ -99,7 +99,8 @@ struct Line<T> {
 
 /// Newton's method ends at a step, m, below this; so often at most.
 const SMALL: f64 = 1e-5;
-const ITERATIONS: usize = 30;
+const ITERATIONS: usize = 40;
+const LONGEST: f64 = 5e3;
 
 impl RefractionAngle {
     /// Through the standard atmosphere.
@@ -166,7 +167,7 @@ impl RefractionAngle {
     }
 
     /// Newton's method for the height of the lowest point: one number a lane, since it looks things up.
-    #[inline]
+    #[inline(never)]
     fn solve(&self, [distance, along, radius, scale]: [f64; 4]) -> [f64; 5] {
         if !(along > 0.0 && scale > 0.0) {
             let none = distance + along + scale;
@@ -178,7 +179,8 @@ impl RefractionAngle {
         let mut height = straight + self.guess(straight, along * bend);
         for _ in 0..ITERATIONS {
             let (miss, slope, _) = self.miss(height, [distance, along, radius], [bend, scale]);
-            let step = miss / slope;
+            // the slope is positive and mostly close to constant: a long step would come from a jump in the air
+            let step = (miss / slope).clamp(-LONGEST, LONGEST);
             height -= step;
             if step.abs() <= SMALL || step.is_nan() {
                 break;
@@ -195,13 +197,14 @@ impl RefractionAngle {
     /// `R` has Lambert's function for a solution.
     #[inline]
     fn guess(&self, straight: f64, along: f64) -> f64 {
-        let [angle, slope] = self.bending.at(straight).angle;
-        let scale_height = -angle / slope;
-        let ratio = along * angle / scale_height;
-        let lambert = if ratio < std::f64::consts::E {
+        let [log, slope] = self.bending.log_angle(straight);
+        let scale_height = (-slope).recip().clamp(4e3, 12e3);
+        let one = log + (along / scale_height).ln();
+        let lambert = if one < 1.0 {
+            let ratio = one.exp();
             ratio / (1.0 + ratio * (1.0 - 0.21 * ratio.sqrt()))
         } else {
-            let (one, two) = (ratio.ln(), ratio.ln().ln());
+            let two = one.ln();
             one - two + two / one
         };
         scale_height * lambert
