@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Trade", "trade"]
 
-PSD = {"J2": 4e-7, "8x8": 1e-9, "21x21": 1e-12}
+PSD = {"J2": 4e-7, "8x8": 4e-9, "21x21": 3e-11}
 """Acceleration noise that goes with what each gravity leaves out in a low orbit [m^2/s^3]."""
 
 
@@ -141,7 +141,7 @@ def trade(
         Filter periods [s].
     dynamics : dict of str to OrbitDynamics, optional
         What the filter knows of the motion. J2; 8x8 and 21x21 with Sun and Moon unless given, each
-        with the acceleration noise that works in a low orbit (4e-7, 1e-9, 1e-12 m^2/s^3).
+        with the acceleration noise that works in a low orbit (4e-7, 4e-9, 3e-11 m^2/s^3).
     runs : int
         Runs of each combination.
     seed : int

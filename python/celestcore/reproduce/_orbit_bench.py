@@ -132,7 +132,7 @@ def navigator(name: str, cell: Cell, robust: bool = False) -> Any:
     """
     name, apart, _ = name.partition("_apart")
     gravity = name.rpartition("_")[2] if name.endswith(("8x8", "21x21")) else "j2"
-    psd = model.SCORE_PSD if name == "score" else model.ACCEL_PSD[gravity]
+    psd = model.OTHER_PSD.get(name, model.ACCEL_PSD[gravity])
     integrator, edge = "rk4", model.EDGES.get(name.split("_")[0], 0.05)
     if name == "ekf_taylor":
         psd, integrator = model.TAYLOR_PSD[cell.period], "taylor"

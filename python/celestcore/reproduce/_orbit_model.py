@@ -32,10 +32,11 @@ PERIODS = (3.0, 15.0, 30.0, 60.0)
 NOISES = ("A", "B")
 DISTRIBUTIONS = ("normal", "student_t", "uniform")
 
-ACCEL_PSD = {"j2": 4e-7, "8x8": 1e-9, "21x21": 1e-12}
+ACCEL_PSD = {"j2": 4e-7, "8x8": 4e-9, "21x21": 3e-11}
 """White acceleration that stands for what a force model leaves out [m^2/s^3]."""
-SCORE_PSD = 1e-6
-"""The same for the score filter with J2, which is more accurate and so needs a little more."""
+OTHER_PSD = {"score": 1e-6, "bootstrap": 3e-4}
+"""The same with J2 for the score filter, which is more accurate and so needs a little more, and for
+the bootstrap filter, whose particles it must keep apart."""
 EDGES = {"score": 0.01}
 """Softness of the edges of uniform noise as a filter is told, over the half-width; others 0.05."""
 TAYLOR_PSD = {3.0: 1e-6, 15.0: 3e-6, 30.0: 1e-4, 60.0: 1e-2}
@@ -88,6 +89,8 @@ TABLE_2 = [Cell(15.0, "A", distribution) for distribution in DISTRIBUTIONS]
 CELLS = [*TABLE_1, *TABLE_2[1:]]
 """Of Tables 1 and 2; the normal cell of Table 2 is one of Table 1."""
 OUTLIERS = Cell(60.0, outliers=(0.05, 50.0))
+LOST = 10e3
+"""A run with a mean position error beyond this has lost the satellite [m]."""
 STARTS = {
     "100 km, 100 m/s": Cell(15.0, start=(100e3, 100.0)),
     "500 km, 500 m/s": Cell(15.0, start=(500e3, 500.0)),

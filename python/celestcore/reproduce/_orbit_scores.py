@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from celestcore.reproduce import _orbit_paper as paper
-from celestcore.reproduce._orbit_model import PUBLISHED, SMOOTHED, Array, Cell
+from celestcore.reproduce._orbit_model import LOST, PUBLISHED, SMOOTHED, Array, Cell
 
 MEAN_OVER_RMS = 0.92
 """Mean length over rms length of a normal error in three directions: sqrt(8 / (3 pi))."""
@@ -73,6 +73,15 @@ class Scores:
         """How many runs broke down."""
         return len(self.mean_position) - len(self.good)
 
+    @property
+    def lost(self) -> int:
+        """How many runs broke down or lost the satellite."""
+        return int(np.sum(~(self.mean_position < LOST)))
+
+    def median(self) -> float:
+        """Return the median of the runs' mean position errors [m]."""
+        return float(np.median(np.nan_to_num(self.mean_position, nan=np.inf)))
+
     def mean(self, name: str = "mean_position") -> float:
         """Return the mean of a column over the runs; NaN if there is none."""
         good = getattr(self, name)[self.good]
@@ -129,6 +138,8 @@ def row(cell: Cell, name: str, scores: Scores, bound: Bound | None) -> dict[str,
         "accepted": plain(scores.mean("accepted")),
         "ess": plain(scores.mean("ess")),
         "failures": scores.failures,
+        "lost": scores.lost,
+        "median_pos_m": plain(scores.median()),
         "paper_mean_pos_m": printed and printed.mean_pos,
         "paper_max_pos_m": printed and printed.max_pos,
         "paper_mean_vel_m_s": printed and printed.mean_vel,

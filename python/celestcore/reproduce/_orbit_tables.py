@@ -178,22 +178,24 @@ def cost_table(result: Result) -> str:
 
 
 def particle_table(result: Result) -> str:
-    """Return the three unscented particle filters: effective sample size and error."""
-    head = [
-        "T = 15 s",
-        "noise",
-        "effective sample size of 20",
-        "mean position error [m]",
-        "UKF [m]",
-    ]
+    """Return the particle filters: effective sample size, error, and how often they get lost."""
+    head = ["T = 15 s, noise A", "noise", "effective", "median error [m]", "UKF [m]", "runs lost"]
     rows = []
-    for name in ("upf", "upf_bank", "upf_literal"):
+    for name in ("upf", "upf_bank", "upf_literal", "bootstrap"):
+        count = 1000 if name == "bootstrap" else paper.PARTICLES
         for key, words in WORDS.items():
             found = result.cells[Cell(15.0, "A", key)]
-            if name in found:
-                ess = found[name].mean("ess")
-                error, plain = found[name].mean(), found["ukf"].mean()
-                rows.append([FILTERS[name], words, f"{ess:.1f}", _length(error), _length(plain)])
+            scores = found[name]
+            rows.append(
+                [
+                    SHORT[name],
+                    words,
+                    f"{scores.mean('ess'):.3g} of {count}",
+                    _length(scores.median()),
+                    _length(found["ukf"].median()),
+                    f"{scores.lost} of {len(scores.mean_position)}",
+                ]
+            )
     return grid(head, rows)
 
 
