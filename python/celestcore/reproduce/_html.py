@@ -78,8 +78,12 @@ def bullets(items: Iterable[str]) -> str:
     return f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in items)}</ul>"
 
 
-def image(picture: bytes, name: str) -> str:
-    """Return an SVG picture within the page."""
+def images(pictures: Mapping[str, bytes]) -> dict[str, str]:
+    """Return SVG pictures as parts of the page, by name."""
+    return {name: _image(data, name) for name, data in pictures.items()}
+
+
+def _image(picture: bytes, name: str) -> str:
     data = base64.b64encode(picture).decode("ascii")
     return f'<img alt="{escape(name.replace("_", " "))}" src="data:image/svg+xml;base64,{data}">'
 

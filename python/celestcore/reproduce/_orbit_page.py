@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from celestcore.reproduce import _orbit_paper as paper
 from celestcore.reproduce import _orbit_tables as tables
 from celestcore.reproduce import _orbit_words as words
-from celestcore.reproduce._html import bullets, document, drawn, image, run_table, target_table
+from celestcore.reproduce._html import bullets, document, drawn, images, run_table, target_table
 from celestcore.reproduce._orbit_figures import figures
 from celestcore.reproduce._orbit_model import PERIODS
 from celestcore.reproduce._orbit_targets import WORDS
@@ -34,9 +34,7 @@ def page(
     pictures : dict of str to bytes, optional
         The figures as SVG, if they have been drawn already.
     """
-    if pictures is None:
-        pictures = drawn(figures(result))
-    shown = {name: image(data, name) for name, data in pictures.items()}
+    shown = images(drawn(figures(result)) if pictures is None else pictures)
     parts = [
         f'<p class="lead">{escape(lead(result))}</p>',
         "" if result.full else f'<p class="warn">{escape(words.few(result))}</p>',

@@ -14,7 +14,7 @@ from celestcore.reproduce._html import (
     document,
     drawn,
     grid,
-    image,
+    images,
     run_table,
     target_table,
 )
@@ -38,9 +38,7 @@ def page(
     pictures : dict of str to bytes, optional
         The figures as SVG, if they have been drawn already.
     """
-    if pictures is None:
-        pictures = drawn(figures(result))
-    shown = {name: image(data, name) for name, data in pictures.items()}
+    shown = images(drawn(figures(result)) if pictures is None else pictures)
     parts = [
         f'<p class="lead">{escape(lead(result))}</p>',
         "" if result.full else f'<p class="warn">{escape(_few(result))}</p>',
