@@ -1,4 +1,4 @@
-"""Pictures of analyses: what sensors must be like, and a gyro's Allan deviation."""
+"""Pictures of analyses: what sensors must be like, Allan deviations, trades of orbit filters."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from celestcore.analysis.allan import AllanDeviation, AllanFit
+    from celestcore.analysis.trade import Trade
 
 Array = NDArray[np.float64]
 
@@ -292,3 +293,64 @@ def _fitted(fit: AllanFit) -> str:
         f"; lines: fit, rms over axes N = {arw / DEG_PER_SQRT_HOUR:.3g} deg/√h, "
         f"K = {rrw / ARCSEC:.3g} arcsec/s$^{{1.5}}$"
     )
+
+
+def plot_trade(result: Trade, *, width: float = 10.0) -> Figure:
+    """Draw a trade: the rms position error over the filter period, one panel for each camera.
+
+    Parameters
+    ----------
+    result : Trade
+        From `celestcore.analysis.trade`.
+    width : float
+        Width in inches.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Bars are 3 standard errors; dashed is the bound of perfect dynamics.
+
+    Raises
+    ------
+    MissingDependencyError
+        If matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from celestcore.analysis import Trade
+    >>> grid = np.ones((1, 2, 1))
+    >>> made = Trade(("zenith",), np.array([15.0, 60.0]), ("J2",), np.array([5.5]),
+    ...              110 * grid[..., 0], 250 * grid, 5 * grid, 15 * grid, 8, False)
+    >>> plot_trade(made).axes[0].get_title(loc="left")
+    'zenith: 5.5 stars'
+    """
+    panels = len(result.cameras)
+    fig = plot._new_figure(width, 0.42 * width if panels > 1 else 0.6 * width)
+    axes = fig.subplots(1, panels, sharey=True, squeeze=False)[0]
+    colours = (plot.X, plot.Y, plot.Z, plot.REJECTED, plot.INK)
+    for c, ax in enumerate(axes):
+        for d, name in enumerate(result.dynamics):
+            value, error = result.rms[c, :, d], np.nan_to_num(3.0 * result.error[c, :, d])
+            low = np.minimum(error, 0.9 * value)  # a bar must end above zero on this scale
+            ax.errorbar(
+                result.periods,
+                value,
+                [low, error],
+                fmt="-o",
+                ms=4,
+                color=colours[d % len(colours)],
+                label=name,
+            )
+        words = "bound of any smoother" if result.smoother else "bound of any filter"
+        ax.plot(result.periods, result.bound[c], "--", color=plot.INK, lw=1.2, label=words)
+        ax.set(xscale="log", yscale="log")
+        ax.set_title(f"{result.cameras[c]}: {result.stars[c]:.1f} stars")
+        plot._style(ax)
+        ax.set_xlabel("filter period [s]", fontsize=9, color=plot.INK)
+        ax.set_xticks(result.periods, [f"{p:g}" for p in result.periods])
+        ax.minorticks_off()
+        _plain_ticks(ax.yaxis, float(np.divide(*ax.get_ylim()[::-1])))
+    axes[0].set_ylabel("position error, rms [m]")
+    axes[0].legend(loc="upper left", fontsize=8, frameon=False)
+    return fig

@@ -164,6 +164,22 @@ published = typer.Typer(
 app.add_typer(published, name="reproduce")
 
 
+Seed = Annotated[int, typer.Option("--seed", metavar="S", help="Of all random numbers.")]
+Threads = Annotated[
+    Optional[int],  # noqa: UP045
+    typer.Option("--threads", metavar="N", help="Same figures for any number; all."),
+]
+Figures = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--json", metavar="FILE", help="Write every figure; - for standard output."),
+]
+Out = Annotated[
+    Optional[Path],  # noqa: UP045
+    typer.Option("--out", metavar="DIR", help="Write the page, its tables and its figures."),
+]
+Quick = Annotated[bool, typer.Option("--quick", help="Few runs: a look, too few to judge.")]
+
+
 @published.command(
     "star-gyro",
     epilog="Example: celestcore reproduce star-gyro --out star-gyro --json star-gyro.json",
@@ -173,34 +189,45 @@ def star_gyro(
         Optional[int],  # noqa: UP045
         typer.Option("--runs", metavar="N", help="Orbits a cell; 16, with --quick 1."),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", metavar="S", help="Of all random numbers.")] = 0,
-    threads: Annotated[
-        Optional[int],  # noqa: UP045
-        typer.Option("--threads", metavar="N", help="Same figures for any number; all."),
-    ] = None,
-    json_file: Annotated[
-        Optional[str],  # noqa: UP045
-        typer.Option("--json", metavar="FILE", help="Write every figure; - for standard output."),
-    ] = None,
-    out: Annotated[
-        Optional[Path],  # noqa: UP045
-        typer.Option("--out", metavar="DIR", help="Write the page, its tables and its figures."),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Few runs: a look, too few to judge.")
-    ] = False,
+    seed: Seed = 0,
+    threads: Threads = None,
+    json_file: Figures = None,
+    out: Out = None,
+    quick: Quick = False,
 ) -> None:
     """Star camera and gyro: Tables 3 to 5 and Figures 2 to 7 of Wang and Jiang (2020)."""
-    from celestcore.reproduce._command import Reproduce
-    from celestcore.reproduce._page import lead
+    _reproduce("star-gyro", runs, seed, threads, quick, json_file, out)
 
-    request = Reproduce(runs, seed, threads, quick, json_file, out)
+
+@published.command(
+    "celestial-orbit",
+    epilog="Example: celestcore reproduce celestial-orbit --out orbit --json orbit.json",
+)
+def celestial_orbit(
+    runs: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--runs", metavar="N", help="Runs a cell; 40, with --quick 2."),
+    ] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    json_file: Figures = None,
+    out: Out = None,
+    quick: Quick = False,
+) -> None:
+    """Orbit from stars and horizon: Tables 1 to 3 and Figures 3 and 4 of Ning and Ma (2010)."""
+    _reproduce("celestial-orbit", runs, seed, threads, quick, json_file, out)
+
+
+def _reproduce(experiment: str, *options: Any) -> None:
+    from celestcore.reproduce._command import Reproduce
+
+    request = Reproduce(experiment, *options)
     request.check()
     with _progress("reproducing") as advance:
         result = request.run(None if advance is None else lambda a, b, _: advance(a, b))
     written = request.write(result, shlex.join(_command()))
-    console = Console(stderr=json_file == cli.STDOUT, highlight=False, markup=False)
-    console.print(lead(result))
+    console = Console(stderr=request.json == cli.STDOUT, highlight=False, markup=False)
+    console.print(request.lead(result))
     table = Table("block", "asked", "found", "", box=None, pad_edge=False, header_style="bold")
     for target in result.targets():
         verdict = {True: "met", False: "missed", None: "not judged"}[target.met]

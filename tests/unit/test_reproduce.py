@@ -6,7 +6,6 @@ import csv
 import dataclasses
 import io
 import json
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +17,11 @@ from celestcore.errors import InputError
 from celestcore.reproduce import _blocks, _model, _paper, star_gyro
 from celestcore.reproduce._page import page
 from celestcore.reproduce._pool import in_parallel
-from celestcore.reproduce._targets import Target, at_most, by_chance, tolerance
+from celestcore.reproduce._target import Target
+from celestcore.reproduce._targets import at_most, by_chance, tolerance
 from celestcore.reproduce._theory import theory
 from celestcore.units import ARCSEC
+from pages import Page
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("typer")
@@ -70,30 +71,6 @@ def result() -> star_gyro.Result:
     }
     free = [{"star_arcsec": 0.0, "gyro_arcsec_per_s": 0.2, "pitch": 1e-6, "roll": 0.0, "yaw": 1e-9}]
     return star_gyro.Result(16, 100, 7, parts, found, block_n(), free, 60.0)
-
-
-class Page(HTMLParser):
-    """Collects the text, and what would be loaded from elsewhere."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.words: list[str] = []
-        self.loaded: list[str] = []
-        self.open: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-        for name, value in attrs:
-            if name in ("src", "href") and not (value or "").startswith("data:"):
-                self.loaded.append(str(value))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.words.append(data)
 
 
 def test_tables_are_the_papers() -> None:
@@ -215,7 +192,7 @@ def test_few_runs_are_not_judged(result: star_gyro.Result) -> None:
     few = dataclasses.replace(result, runs=1, n_runs=10)
     judged = [t for t in few.targets() if t.met is not None]
     assert all("equal" in t.asked for t in judged)
-    assert "not judged" in page(few, drawn=NO_PICTURES)
+    assert "not judged" in page(few, pictures=NO_PICTURES)
     # block N is judged by its own number of runs
     only_n = dataclasses.replace(result, runs=1).targets()
     assert {t.block for t in only_n if t.met is not None and "equal" not in t.asked} == {"N"}

@@ -6,6 +6,8 @@
 - `allan_deviation`, `fit_allan`, `plot_allan`: the noise of a gyro from its log.
 - `estimate_noise`: the noise of gyro and star camera from the innovations of a filter.
 - `withheld_drift`: how good predictions without fixes are.
+- `posterior_bound`: the accuracy that no filter of an orbit can beat; `trade`, `plot_trade`: which
+  stars, filter period, gravity and number of cameras.
 
 Examples
 --------
@@ -15,21 +17,25 @@ Examples
 array([0.68, 0.68, 0.68])
 """
 
-from celestcore._analysis_plots import plot_allan, plot_requirements
+from celestcore._analysis_plots import plot_allan, plot_requirements, plot_trade
 from celestcore.analysis.allan import AllanDeviation, AllanFit, allan_deviation, fit_allan
 from celestcore.analysis.autocorrelation import Whiteness, whiteness
+from celestcore.analysis.bound import PosteriorBound, posterior_bound
 from celestcore.analysis.chi_square import Consistency, consistency, nees, nis
 from celestcore.analysis.drift import WithheldDrift, withheld_drift
 from celestcore.analysis.noise import NoiseEstimate, estimate_noise
 from celestcore.analysis.requirements import required_gyro, required_star
 from celestcore.analysis.steady import SteadyState, steady_state
+from celestcore.analysis.trade import Trade, trade
 
 __all__ = [
     "AllanDeviation",
     "AllanFit",
     "Consistency",
     "NoiseEstimate",
+    "PosteriorBound",
     "SteadyState",
+    "Trade",
     "Whiteness",
     "WithheldDrift",
     "allan_deviation",
@@ -40,9 +46,12 @@ __all__ = [
     "nis",
     "plot_allan",
     "plot_requirements",
+    "plot_trade",
+    "posterior_bound",
     "required_gyro",
     "required_star",
     "steady_state",
+    "trade",
     "whiteness",
     "withheld_drift",
 ]

@@ -1,8 +1,9 @@
 """Published experiments, run again: one module and one command each.
 
 - `star_gyro`: ``celestcore reproduce star-gyro``, Wang and Jiang (2020).
+- `celestial_orbit`: ``celestcore reproduce celestial-orbit``, Ning and Ma (2010).
 """
 
-from celestcore.reproduce import star_gyro
+from celestcore.reproduce import celestial_orbit, star_gyro
 
-__all__ = ["star_gyro"]
+__all__ = ["celestial_orbit", "star_gyro"]

@@ -1,4 +1,4 @@
-"""What ``celestcore reproduce star-gyro`` does: check, run, write."""
+"""What ``celestcore reproduce`` does with an experiment: check, run, write."""
 
 from __future__ import annotations
 
@@ -7,25 +7,41 @@ import os
 import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 from celestcore._files import check_output, replacing
 from celestcore._optional import require
 from celestcore.errors import InputError
+from celestcore.reproduce._html import drawn
 
 if TYPE_CHECKING:
-    from celestcore.reproduce.star_gyro import Progress, Result
+    from celestcore.reproduce._target import Target
+    from celestcore.reproduce.star_gyro import Progress
 
 STDOUT = "-"
 PAGE = "index.html"
 RESULT = "result.json"
+EXPERIMENTS = {"star-gyro": ("star_gyro", ""), "celestial-orbit": ("celestial_orbit", "_orbit")}
+"""Of each experiment the module that runs it, and what the names of its other parts begin with."""
+
+
+class Outcome(Protocol):
+    """What every experiment's result can do."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return every figure, ready for JSON."""
+
+    def targets(self) -> list[Target]:
+        """Return what was asked and what came out."""
 
 
 @dataclass(frozen=True)
 class Reproduce:
     """What was asked for; `check` before `run`, `write` at the end."""
 
+    experiment: str
     runs: int | None = None
     seed: int = 0
     threads: int | None = None
@@ -56,13 +72,18 @@ class Reproduce:
         if not os.access(near, os.W_OK):
             raise InputError(f"cannot make {self.out}: {near} is not writable", field="--out")
 
-    def run(self, progress: Progress | None = None) -> Result:
+    def run(self, progress: Progress | None = None) -> Outcome:
         """Run the experiment."""
-        from celestcore.reproduce.star_gyro import run
+        found: Outcome = self._part("").run(
+            self.runs, self.seed, threads=self.threads, quick=self.quick, progress=progress
+        )
+        return found
 
-        return run(self.runs, self.seed, threads=self.threads, quick=self.quick, progress=progress)
+    def lead(self, result: Outcome) -> str:
+        """Return the outcome in a few sentences."""
+        return str(self._part("_page").lead(result))
 
-    def write(self, result: Result, command: str) -> list[tuple[str, Path]]:
+    def write(self, result: Outcome, command: str) -> list[tuple[str, Path]]:
         """Write all files beside their places first, then rename them.
 
         Returns
@@ -88,14 +109,15 @@ class Reproduce:
             sys.stdout.write(text)
         return named
 
-    def _contents(self, result: Result, command: str) -> dict[str, bytes]:
-        from celestcore.reproduce._figures import figures, svg
-        from celestcore.reproduce._page import page
-        from celestcore.reproduce._tables import csv_tables
-
-        drawn = {name: svg(figure) for name, figure in figures(result).items()}
+    def _contents(self, result: Outcome, command: str) -> dict[str, bytes]:
+        pictures = drawn(self._part("_figures").figures(result))
         return {
-            PAGE: page(result, command, drawn).encode(),
-            **{name: table.encode() for name, table in csv_tables(result).items()},
-            **{f"{name}.svg": data for name, data in drawn.items()},
+            PAGE: str(self._part("_page").page(result, command, pictures)).encode(),
+            **{n: text.encode() for n, text in self._part("_tables").csv_tables(result).items()},
+            **{f"{name}.svg": data for name, data in pictures.items()},
         }
+
+    def _part(self, what: str) -> Any:
+        """Import a module of the experiment: the one that runs it, its page, ..."""
+        module, prefix = EXPERIMENTS[self.experiment]
+        return import_module(f"celestcore.reproduce.{prefix + what if what else module}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -91,17 +90,6 @@ def ratios(result: Result) -> Figure:
     axes[0].set_ylabel("reproduced / published")
     axes[1].set_ylabel("")
     return fig
-
-
-def svg(figure: Figure) -> bytes:
-    """Return a figure as SVG; the same bytes for the same figure."""
-    from celestcore._optional import require
-
-    matplotlib: Any = require("matplotlib", extra="plot", what="the report")
-    buffer = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": "celestcore"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    return buffer.getvalue()
 
 
 def _finish(ax: Axes, title: str, columns: int) -> None:

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-import base64
 from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from celestcore.report import STYLE
 from celestcore.reproduce import _paper, _tables, _words
-from celestcore.reproduce._figures import figures, svg
+from celestcore.reproduce._figures import figures
+from celestcore.reproduce._html import (
+    bullets,
+    document,
+    drawn,
+    grid,
+    images,
+    run_table,
+    target_table,
+)
 from celestcore.reproduce._targets import WITHIN, difference, within
-from celestcore.solution import package_version
 from celestcore.summary import spell_time
 
 if TYPE_CHECKING:
     from celestcore.reproduce.star_gyro import Result
 
-MORE_STYLE = """
-table.paper{font-size:.86rem;line-height:1.28}
-table.paper th,table.paper td{text-align:right;padding:.28rem .42rem;white-space:nowrap}
-table.paper th.group{text-align:center;border-left:1px solid #ccc}
-table.paper .first{border-left:1px solid #ccc}
-table.paper small{color:#666}table.paper .off small{color:#b3261e;font-weight:600}
-td.yes,td.no,td.open{white-space:nowrap}td.yes{color:#1b7a3d;font-weight:600}td.no{color:#b3261e;font-weight:600}td.open{color:#777}
-li{margin:.3rem 0}.two{display:grid;grid-template-columns:repeat(auto-fit,minmax(440px,1fr));
-gap:.4rem 1.2rem}
-.warn{background:#fff6e0;border-left:4px solid #e69f00;padding:.6rem 1rem;margin:1rem 0}
-"""
 
-
-def page(result: Result, command: str | None = None, drawn: dict[str, bytes] | None = None) -> str:
+def page(
+    result: Result, command: str | None = None, pictures: dict[str, bytes] | None = None
+) -> str:
     """Return the page as HTML text.
 
     Parameters
@@ -39,35 +35,32 @@ def page(result: Result, command: str | None = None, drawn: dict[str, bytes] | N
     result : Result
     command : str, optional
         The command that made it.
-    drawn : dict of str to bytes, optional
+    pictures : dict of str to bytes, optional
         The figures as SVG, if they have been drawn already.
     """
-    if drawn is None:
-        drawn = {name: svg(figure) for name, figure in figures(result).items()}
-    pictures = {name: _image(data, name) for name, data in drawn.items()}
+    shown = images(drawn(figures(result)) if pictures is None else pictures)
     parts = [
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width,initial-scale=1">',
-        "<title>Star camera and gyro, reproduced</title>",
-        f"<style>{STYLE}{MORE_STYLE}</style></head><body>",
-        '<p class="kind">celestcore reproduce star-gyro</p>',
-        "<h1>Star camera and gyro: Tables 3 to 5 of Wang and Jiang (2020), run again</h1>",
         f'<p class="lead">{escape(lead(result))}</p>',
         "" if result.full else f'<p class="warn">{escape(_few(result))}</p>',
-        f"<h2>What must not be claimed</h2>{_list(_words.not_claimed(result))}",
-        f"<h2>What was asked and what came out</h2>{_target_table(result)}",
-        pictures["ratios"],
+        f"<h2>What must not be claimed</h2>{bullets(_words.not_claimed(result))}",
+        f"<h2>What was asked and what came out</h2>{target_table(result.targets())}",
+        shown["ratios"],
         *_table_parts(result),
-        *_figure_parts(pictures),
+        *_figure_parts(shown),
         f"<h2>What the paper reads off its tables</h2>{_readings(result)}",
         f"<h2>Where a sigma-point or an iterated filter does win</h2>{_n_block(result)}",
-        f"<h2>What was inferred</h2><p>{escape(_words.INFERRED_LEAD)}</p>{_list(_words.INFERRED)}",
-        f"<h2>What is wrong or unused in the print</h2>{_list(_words.MISPRINTS)}",
+        f"<h2>What was inferred</h2><p>{escape(_words.INFERRED_LEAD)}</p>",
+        bullets(_words.INFERRED),
+        f"<h2>What is wrong or unused in the print</h2>{bullets(_words.MISPRINTS)}",
         f"<h2>How it was run</h2>{_run_table(result, command)}",
-        f"<footer>{escape(_paper.CITATION)}. Made by celestcore {escape(package_version())}.",
-        "</footer></body></html>\n",
     ]
-    return "\n".join(part for part in parts if part)
+    return document(
+        "star-gyro",
+        "Star camera and gyro, reproduced",
+        "Star camera and gyro: Tables 3 to 5 of Wang and Jiang (2020), run again",
+        parts,
+        _paper.CITATION,
+    )
 
 
 def lead(result: Result) -> str:
@@ -98,17 +91,6 @@ def _few(result: Result) -> str:
         "scatter by up to 7 %, so most targets are not judged (–). Leave out --quick for "
         "the figures to quote."
     )
-
-
-def _target_table(result: Result) -> str:
-    words = {True: ("yes", "met"), False: ("no", "missed"), None: ("open", "–")}
-    rows = "".join(
-        f"<tr><td>{escape(t.block)}</td><td>{escape(t.asked)}</td><td>{escape(t.found)}</td>"
-        f'<td class="{words[t.met][0]}">{words[t.met][1]}</td></tr>'
-        for t in result.targets()
-    )
-    head = "<tr><th>block</th><th>asked</th><th>found</th><th></th></tr>"
-    return f'<div class="scroll"><table>{head}{rows}</table></div>'
 
 
 def _table_parts(result: Result) -> list[str]:
@@ -168,9 +150,9 @@ def _readings(result: Result) -> str:
     asks = ["gyro needed [″/s]", "", "text", "its table", "R1 / R2", "tuned filter", "smoothed"]
     better, equal = gains["paper_ekf_better"], gains["paper_equal"]
     return (
-        _tables.grid(head, [[c.replace("-0.0", "0.0") for c in row] for row in gain_rows])
+        grid(head, [[c.replace("-0.0", "0.0") for c in row] for row in gain_rows])
         + f"<p>{escape(_words.wins(better, equal))}</p>"
-        + _tables.grid(asks, reading_rows)
+        + grid(asks, reading_rows)
         + _cost(result)
         + _error_free(result)
     )
@@ -187,7 +169,7 @@ def _cost(result: Result) -> str:
         for name, factor in cost["times_mekf"].items()
     ]
     head = ["one orbit, 56 594 gyro samples and 28 297 fixes", "time [ms]", "times the MEKF"]
-    return f"<h3>Cost</h3><p>{escape(_words.COST)}</p>" + _tables.grid(head, rows)
+    return f"<h3>Cost</h3><p>{escape(_words.COST)}</p>" + grid(head, rows)
 
 
 def _error_free(result: Result) -> str:
@@ -201,7 +183,7 @@ def _error_free(result: Result) -> str:
     ]
     head = ["camera error [″]", "gyro error [″/s]", *(f"{axis} [″]" for axis in _paper.AXES)]
     words = f"<h3>Sensors without errors</h3><p>{escape(_words.ERROR_FREE)}</p>"
-    return words + _tables.grid(head, rows)
+    return words + grid(head, rows)
 
 
 def _n_block(result: Result) -> str:
@@ -216,10 +198,10 @@ def _n_block(result: Result) -> str:
     ]
     return (
         f"<p>{escape(_words.block_n(runs))}</p>"
-        + _list(_words.N_CASES)
-        + _tables.grid(head_1, _tables.lost_rows(result))
+        + bullets(_words.N_CASES)
+        + grid(head_1, _tables.lost_rows(result))
         + f'<p class="note">{escape(_words.FORMS)}</p>'
-        + _tables.grid(head_2, _tables.bias_rows(result))
+        + grid(head_2, _tables.bias_rows(result))
     )
 
 
@@ -232,14 +214,4 @@ def _run_table(result: Result, command: str | None) -> str:
         ("Time", spell_time(result.elapsed_s)),
         *([("Command", command)] if command else []),
     ]
-    body = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
-    return f"<table>{body}</table><ul>{''.join(f'<li>{escape(x)}</li>' for x in _words.RUN)}</ul>"
-
-
-def _list(items: list[str]) -> str:
-    return f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in items)}</ul>"
-
-
-def _image(picture: bytes, name: str) -> str:
-    data = base64.b64encode(picture).decode("ascii")
-    return f'<img alt="{escape(name.replace("_", " "))}" src="data:image/svg+xml;base64,{data}">'
+    return run_table(rows, _words.RUN)

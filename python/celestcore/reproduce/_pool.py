@@ -1,4 +1,7 @@
-"""Campaigns side by side: a cell with a single orbit keeps one processor busy, not all."""
+"""Campaigns side by side: a cell with a single orbit keeps one processor busy, not all.
+
+And how many runs they have.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from threading import Event
 from typing import TypeVar
+
+from celestcore._check import warn
+from celestcore.errors import InputError
 
 T = TypeVar("T")
 Progress = Callable[[int, int], object]
@@ -57,3 +63,31 @@ def in_parallel(
             pool.shutdown(wait=True, cancel_futures=True)
             raise
     return [future.result() for future in futures]
+
+
+def trials(runs: int | None, seed: int, *, quick: bool, defined: tuple[int, int]) -> int:
+    """Return how many runs a cell gets, and warn if they are too few.
+
+    Parameters
+    ----------
+    runs : int or None
+        What was asked for.
+    seed : int
+    quick : bool
+    defined : (full, quick)
+        Runs for which an experiment is defined, and for a look.
+
+    Raises
+    ------
+    InputError
+        If `runs` or `seed` is out of range.
+    """
+    full, few = defined
+    wanted = (few if quick else full) if runs is None else runs
+    if wanted < 1:
+        raise InputError("must be at least 1", field="runs", value=wanted)
+    if seed < 0:
+        raise InputError("must not be negative", field="seed", value=seed)
+    if not quick and wanted < full:
+        warn(f"{wanted} runs a cell are too few to judge the targets; they are defined for {full}")
+    return wanted

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
-from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from celestcore.reproduce._html import csv_dicts, csv_text
 from celestcore.reproduce._paper import AXES, GYRO, STAR
 from celestcore.reproduce._targets import WITHIN, out_of_reach
 
@@ -47,20 +44,8 @@ def csv_tables(result: Result) -> dict[str, str]:
             [f"{g:g}", *(f"{v:.4f}" for name in COLUMNS for v in result.figures(name)[k, j])]
             for j, g in enumerate(GYRO)
         )
-        out[f"table_{3 + k}.csv"] = _csv([head, *rows])
-    keys = list(dict.fromkeys(key for row in result.n_block for key in row))
-    rows_n = ([_cell(row.get(key, "")) for key in keys] for row in result.n_block)
-    return out | {"block_n.csv": _csv([keys, *rows_n])}
-
-
-def _csv(rows: Iterable[Sequence[str]]) -> str:
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerows(rows)
-    return buffer.getvalue()
-
-
-def _cell(value: Any) -> str:
-    return " ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else str(value)
+        out[f"table_{3 + k}.csv"] = csv_text([head, *rows])
+    return out | {"block_n.csv": csv_dicts(result.n_block)}
 
 
 def table(result: Result, camera: int) -> str:
@@ -103,15 +88,6 @@ def _stack(group: str, values: list[float], first: bool, mark: str) -> str:
     top = f"{values[0]:.{digits}f}{mark}"
     rest = "".join(f"<br><small>{v:.3f}</small>" for v in values[1:])
     return f'<td class="{classes}">{top}{rest}</td>'
-
-
-def grid(head: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "grid") -> str:
-    """Return a plain HTML table; the cells are escaped."""
-    top = "".join(f"<th>{escape(name)}</th>" for name in head)
-    lines = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return f'<div class="scroll"><table class="{kind}"><tr>{top}</tr>{lines}</table></div>'
 
 
 def lost_rows(result: Result) -> list[list[str]]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from celestcore.reproduce._model import Array
+from celestcore.reproduce._target import Target
 
 if TYPE_CHECKING:
     from celestcore.reproduce.star_gyro import Result
@@ -23,20 +23,6 @@ NEES = (0.97, 1.03)
 ROUNDING = 0.999
 """A published figure counts as out of reach if it is below the bound by more than this."""
 NAMES = {"mekf": "MEKF", "ukf": "UKF", "ukf7": "7-state UKF", "smoothed": "smoothed MEKF"}
-
-
-@dataclass(frozen=True)
-class Target:
-    """One line: `met` is None where there are too few runs to tell, or it was not run."""
-
-    block: str
-    asked: str
-    found: str
-    met: bool | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it ready for JSON."""
-        return asdict(self)
 
 
 def targets(result: Result) -> list[Target]:

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from celestcore._check import warn
 from celestcore.errors import InputError
 from celestcore.reproduce import _blocks, _model, _n_block, _paper
 from celestcore.reproduce._blocks import FITTED, TUNED, Scores
 from celestcore.reproduce._paper import EKF as PAPER_EKF
 from celestcore.reproduce._paper import UKF as PAPER_UKF
-from celestcore.reproduce._targets import N_RUNS, Target, targets
+from celestcore.reproduce._pool import trials
+from celestcore.reproduce._target import Target
+from celestcore.reproduce._targets import N_RUNS, targets
 from celestcore.reproduce._theory import Theory, theory
 from celestcore.solution import package_version
 
@@ -307,14 +308,8 @@ def run(
     >>> result.figures("mekf").shape  # doctest: +SKIP
     (3, 12, 3)
     """
-    runs = (QUICK_RUNS if quick else RUNS) if runs is None else runs
-    if runs < 1:
-        raise InputError("must be at least 1", field="runs", value=runs)
-    if seed < 0:
-        raise InputError("must not be negative", field="seed", value=seed)
+    runs = trials(runs, seed, quick=quick, defined=(RUNS, QUICK_RUNS))
     n_runs = QUICK_N_RUNS if quick else N_RUNS
-    if not quick and runs < RUNS:
-        warn(f"{runs} orbits a cell are too few to judge the targets; they are defined for {RUNS}")
     begin = time.perf_counter()
     scores = _blocks.run(runs, seed, threads=threads, progress=_named(progress, "orbits"))
     rows = _n_block.run(n_runs, seed, progress=_named(progress, "block N"))
