@@ -395,6 +395,9 @@ class BootstrapPF:
     recover : bool
         Where no particle explains a measurement: whether to leave it out, or to raise a
         `NumericalError` that names it.
+    kernel : bool
+        Whether resampled particles are drawn from a smooth density, normal kernels that keep mean
+        and covariance (Liu and West 2001), or are copies that only process noise parts.
 
     Raises
     ------
@@ -404,7 +407,7 @@ class BootstrapPF:
     Notes
     -----
     For orbits (`CelestialNavigator`). Gordon, Salmond, Smith 1993. Dynamics as good as those of
-    orbits leave particles no room to spread: see the guide on filters and sensors.
+    orbits leave copies no room to spread: without kernels the filter is soon lost.
 
     Examples
     --------
@@ -416,6 +419,7 @@ class BootstrapPF:
     resampling: str = "systematic"
     threshold: float = 0.5
     recover: bool = True
+    kernel: bool = True
     kind: ClassVar[str] = "bootstrap"
     moves: ClassVar[int] = 0
 
@@ -441,7 +445,7 @@ def _check_particles(owner: UPF | BootstrapPF) -> None:
         raise InputError("must be from 0 to 1", field="filter.threshold", value=owner.threshold)
 
 
-def _particles(owner: UPF | BootstrapPF) -> tuple[int, str, float, int, bool]:
+def _particles(owner: UPF | BootstrapPF) -> tuple[int, str, float, int, bool, bool]:
     """Return what the core wants to know of particles."""
     return (
         int(owner.particles),
@@ -449,4 +453,5 @@ def _particles(owner: UPF | BootstrapPF) -> tuple[int, str, float, int, bool]:
         float(owner.threshold),
         int(owner.moves),
         bool(owner.recover),
+        bool(getattr(owner, "kernel", False)),
     )

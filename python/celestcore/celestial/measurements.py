@@ -18,7 +18,7 @@ DISTRIBUTIONS = ("normal", "student_t", "uniform")
 
 @dataclass(frozen=True)
 class StarHorizon:
-    """Angles between stars and the nadir, from a star camera and a horizon sensor.
+    """Angles between stars and the nadir, or the Earth's limb: star camera and horizon sensor.
 
     Parameters
     ----------
@@ -37,6 +37,10 @@ class StarHorizon:
     edge : float
         Softness of the edges of ``"uniform"`` in a filter: the likelihood falls off as
         ``exp(-x**2 / 2)`` with ``x`` the distance to the edge over `edge` times the half-width.
+    limb : float, optional
+        Radius of the sphere whose limb the angles end at [m], for example 6378137 + 40e3; None:
+        they go to the nadir. Needs ``correlated=False``; such angles also tell the distance and are
+        used one by one.
 
     Raises
     ------
@@ -64,6 +68,7 @@ class StarHorizon:
     distribution: str = "normal"
     dof: float = 3.0
     edge: float = 0.05
+    limb: float | None = None
 
     def __post_init__(self) -> None:
         set_number(self, "sigma_star", above=0.0)
@@ -83,6 +88,14 @@ class StarHorizon:
                 field="distribution",
                 value=self.distribution,
             )
+        if self.limb is not None:
+            set_number(self, "limb", above=6.0e6)
+            if self.shared > 0.0:
+                raise InputError(
+                    "needs correlated=False: the error of a limb is not that of a nadir",
+                    field="limb",
+                    value=self.limb,
+                )
         for name in ("sigma_star", "sigma_nadir"):
             if getattr(self, name) > 0.1:
                 raise InputError(
@@ -103,10 +116,12 @@ class StarHorizon:
         """1-sigma of what all angles of an epoch share, about each of two axes [rad]."""
         return self.sigma_nadir if self.correlated else 0.0
 
-    def _described(self, together: bool) -> tuple[float, float, str, float, bool]:
+    def _described(self, together: bool) -> tuple[float, float, str, float, float, bool]:
         """Return what the core takes."""
         extra = self.dof if self.distribution == "student_t" else self.edge
-        return (self.own, self.shared, self.distribution, extra, together)
+        limb = 0.0 if self.limb is None else self.limb
+        alike = together and self.limb is None
+        return (self.own, self.shared, self.distribution, extra, limb, alike)
 
 
 def set_number(owner: Any, name: str, **limits: float) -> None:

@@ -247,7 +247,7 @@ class Scenario:
             "star_t": stars.t,
             "star": self._displaced(self.corrected),
             "apparent": self._displaced(self.aberration),
-            "noise": self.horizon._described(True)[:4],
+            "noise": self.horizon._described(True)[:5],
             "outliers": self.outliers,
             "start_sigma": np.concatenate([positive(s, "start_sigma") for s in self.start_sigma]),
         }

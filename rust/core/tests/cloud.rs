@@ -217,12 +217,16 @@ fn kalman(fixes: &Fixes) -> (End<Euclidean<2>, 2>, Rows) {
 
 /// A log made by the model itself, and the positions behind it.
 fn made(kind: Kind, count: usize, seed: u64) -> (Fixes, Vec<f64>) {
+    made_by(Q, kind, count, seed)
+}
+
+fn made_by(q: f64, kind: Kind, count: usize, seed: u64) -> (Fixes, Vec<f64>) {
     let mut normal = normals(seed);
     let mut x = [normal(), 0.3 + normal()];
     let (mut fixes, mut truth) = (Vec::new(), Vec::new());
     for k in 1..=count {
-        x = Decay(Q).step(&x, &[0.1], 0.0, DT);
-        x = x.map(|c| c + (Q * DT).sqrt() * normal());
+        x = Decay(q).step(&x, &[0.1], 0.0, DT);
+        x = x.map(|c| c + (q * DT).sqrt() * normal());
         fixes.push((k as f64 * DT, x[0] + kind.draw(&mut normal)));
         truth.push(x[0]);
     }
@@ -407,6 +411,33 @@ fn the_literal_form_collapses() {
     assert!(rows.weighed.iter().any(|(_, w)| w.resampled && w.moved > 0.0));
     // on this toy, whose process noise is large, it still follows
     assert!((end.mean[0] - kalman(&fixes).0.mean[0]).abs() < 1.0);
+}
+
+/// Without noise in the dynamics copies stay copies; kernels keep the particles as spread as they should be.
+#[test]
+fn kernels_keep_particles_apart() {
+    let (fixes, _) = made_by(0.0, Kind::Normal, 400, 4);
+    let filter = Ukf::default();
+    let drive = Push((0..=400).map(|k| f64::from(k) * DT).collect());
+    let exact =
+        Replay { filter: &filter, dynamics: &Decay(0.0), drive: &drive, sensors: &fixes, output: Output::Every(1) };
+    let exact = exact.run::<f64, _, 2>(&start(), &mut Rows::default(), &mut |_| Ok(())).unwrap();
+    // variance in units of the exact one, and the error of the mean in exact sigmas
+    let scores = |kernel| {
+        let (mut variance, mut square) = (0.0, 0.0);
+        for run in 0..20 {
+            let mut rows = Rows::default();
+            let settings = Settings { kernel, ..with(60) };
+            let end = Job(Form::Bootstrap, settings, &fixes, (run, 0.0), &mut rows).run::<f64>().unwrap();
+            variance += end.covariance[(0, 0)] / exact.covariance[(0, 0)] / 20.0;
+            square += (end.mean[0] - exact.mean[0]).powi(2) / exact.covariance[(0, 0)] / 20.0;
+        }
+        (variance, square.sqrt())
+    };
+    let (with, without) = (scores(true), scores(false));
+    println!("with kernels {with:?}, without {without:?}");
+    assert!((0.7..1.4).contains(&with.0) && with.1 < 0.5, "{with:?}");
+    assert!(without.0 < 0.7 * with.0 && without.1 > 3.0 * with.1, "{without:?}");
 }
 
 #[test]

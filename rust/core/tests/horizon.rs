@@ -56,6 +56,8 @@ fn measurements_have_the_derivatives_they_say() {
         let star = random_unit(&mut normal);
         let sine = (1.0 - dot3(&star, &unit([x[0], x[1], x[2]])).powi(2)).sqrt();
         assert!(differs(&StarAngle::default(), &x, &StarGiven { star, sigma: 1e-4 }) < 1e-7 / sine.powi(2));
+        let limb = StarAngle { limb: 6.4e6, ..StarAngle::default() };
+        assert!(differs(&limb, &x, &StarGiven { star, sigma: 1e-4 }) < 1e-7 / sine.powi(2));
         let axes = tangents(&random_unit(&mut normal));
         assert!(differs(&NadirPlane, &x, &PlaneGiven { axes, noise: [1.0, 0.2, 3.0] }) < 1e-7);
     }
@@ -70,6 +72,10 @@ fn an_angle_is_that_between_star_and_nadir() {
         let nadir = unit([-x[0], -x[1], -x[2]]);
         let found = StarAngle::default().predict(&x, &StarGiven { star, sigma: 1.0 })[0];
         assert!((found - angle(&star, &nadir)).abs() < 1e-7);
+        // the limb stands where a line of sight touches the sphere
+        let limb = StarAngle { limb: 6.4e6, ..StarAngle::default() };
+        let dip = limb.predict(&x, &StarGiven { star, sigma: 1.0 })[0] - found;
+        assert!((dip + (6.4e6f64 / 7.1e6).asin()).abs() < 1e-12);
         // precise where a cosine is not
         let near = unit(std::array::from_fn(|i| nadir[i] + 1e-6 * tangents(&nadir)[0][i]));
         let small = StarAngle::default().predict(&x, &StarGiven { star: near, sigma: 1.0 })[0];

@@ -43,9 +43,9 @@ pub(crate) struct Setup<'py> {
     iterations: usize,
     #[pyo3(item)]
     tolerance: f64,
-    /// How many, how resampled, below which effective part, moves, whether to recover.
+    /// How many, how resampled, below which effective part, moves, whether to recover, and by kernels.
     #[pyo3(item)]
-    particles: Option<(usize, String, f64, usize, bool)>,
+    particles: Option<(usize, String, f64, usize, bool, bool)>,
     /// Seed and trial of a particle filter.
     #[pyo3(item)]
     random: (u64, u64),
@@ -62,9 +62,10 @@ pub(crate) struct Setup<'py> {
     /// Kind and number: ("keep", 0), ("gate", probability), ("huber", standard deviations).
     #[pyo3(item)]
     outliers: (String, f64),
-    /// Own and shared sigma, distribution and its number, whether an epoch's angles are used together.
+    /// Own and shared sigma, distribution and its number, radius of the limb, whether an epoch's angles are used
+    /// together.
     #[pyo3(item)]
-    horizon: Option<(f64, f64, String, f64, bool)>,
+    horizon: Option<(f64, f64, String, f64, f64, bool)>,
     /// How starlight refraction is measured.
     #[pyo3(item)]
     refraction: Option<Refractions>,
@@ -89,7 +90,7 @@ impl Setup<'_> {
     }
 
     fn cloud(&self, py: Python<'_>) -> PyResult<AnyFilter> {
-        let Some((particles, resampling, threshold, moves, recover)) = &self.particles else {
+        let Some((particles, resampling, threshold, moves, recover, kernel)) = &self.particles else {
             return Err(input(py, "a particle filter without particles"));
         };
         let resampling = match resampling.as_str() {
@@ -110,6 +111,7 @@ impl Setup<'_> {
             resampling,
             threshold: *threshold,
             moves: *moves,
+            kernel: *kernel,
             ukf: Ukf { weights },
             recover: *recover,
         };
@@ -141,20 +143,23 @@ impl Setup<'_> {
 
     /// Noise of the angles and how they are used.
     pub(crate) fn horizon(&self, py: Python<'_>) -> PyResult<Option<(AngleNoise, Use)>> {
-        let Some((own, shared, shape, number, together)) = &self.horizon else { return Ok(None) };
-        let noise = angle_noise(py, (*own, *shared, shape, *number))?;
+        let Some((own, shared, shape, number, limb, together)) = &self.horizon else { return Ok(None) };
+        let noise = angle_noise(py, (*own, *shared, shape, *number, *limb))?;
         Ok(Some((noise, if *together { Use::Together } else { Use::OneByOne })))
     }
 }
 
-/// Own and shared sigma, distribution and its number.
-pub(crate) fn angle_noise(py: Python<'_>, (own, shared, shape, number): (f64, f64, &str, f64)) -> PyResult<AngleNoise> {
+/// Own and shared sigma, distribution and its number, radius of the limb.
+pub(crate) fn angle_noise(
+    py: Python<'_>,
+    (own, shared, shape, number, limb): (f64, f64, &str, f64, f64),
+) -> PyResult<AngleNoise> {
     let shape = match shape {
         "student_t" => Shape::StudentT { dof: number },
         "uniform" => Shape::Uniform { edge: number },
         _ => Shape::Normal,
     };
-    AngleNoise::new(own, shared, shape).map_err(|e| raise(py, e))
+    AngleNoise::new(own, shared, shape).and_then(|n| n.to_limb(limb)).map_err(|e| raise(py, e))
 }
 
 /// Orbit over a log; see `CelestialNavigator.run`. `horizon` is times, stars and angles of equal length.

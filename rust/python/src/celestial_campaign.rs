@@ -68,7 +68,7 @@ struct Described<'py> {
     apparent: Array<'py>,
     /// Own and shared sigma, distribution and its number.
     #[pyo3(item)]
-    noise: (f64, f64, String, f64),
+    noise: (f64, f64, String, f64, f64),
     /// Probability and size in standard deviations.
     #[pyo3(item)]
     outliers: Option<(f64, f64)>,
@@ -81,8 +81,8 @@ impl Described<'_> {
         let py = self.t.py();
         let (t, star_t) = (flat(&self.t, "truth.t")?, flat(&self.star_t, "stars.t")?);
         let state = rows::<6>(&self.state, "truth.state")?;
-        let (own, shared, shape, number) = &self.noise;
-        let noise = angle_noise(py, (*own, *shared, shape, *number))?;
+        let (own, shared, shape, number, limb) = &self.noise;
+        let noise = angle_noise(py, (*own, *shared, shape, *number, *limb))?;
         let blunders = self.outliers.map(|(probability, sigmas)| Blunders { probability, sigmas });
         let r: Vec<[f64; 3]> = state.iter().map(|x| [x[0], x[1], x[2]]).collect();
         let stars = (counts(py, t, star_t)?, rows::<3>(&self.apparent, "stars.apparent")?);

@@ -109,6 +109,10 @@ impl<'a> CelestialSensors<'a> {
         for (sensor, source) in sources.iter().enumerate() {
             match source {
                 Source::Horizon(horizon) => {
+                    if horizon.noise.limb > 0.0 && horizon.how == Use::Together {
+                        let need = "says something of the distance: such angles are used one by one";
+                        return Err(Error::Parameter { field: "limb", value: horizon.noise.limb, need });
+                    }
                     for (epoch, t) in horizon.epochs.times().iter().enumerate() {
                         let item = |place| Item { t: *t, sensor, place };
                         match horizon.how {
@@ -230,7 +234,7 @@ impl Sensors<Euclidean<6>, 6> for CelestialSensors<'_> {
             Source::Horizon(h) => {
                 let (star, angle) = h.epochs.sight(place);
                 let given = StarGiven { star: star.map(T::splat), sigma: T::splat(h.noise.variance().sqrt()) };
-                let sensor = StarAngle { shape: h.noise.shape };
+                let sensor = StarAngle { shape: h.noise.shape, limb: h.noise.limb };
                 filter.update::<_, T, 6, 1>(belief, &sensor, &given, &[T::splat(angle)], T::splat(self.gates[0])).into()
             }
             Source::Refraction(table) => {
@@ -250,6 +254,13 @@ impl Sensors<Euclidean<6>, 6> for CelestialSensors<'_> {
         let Item { sensor, place, .. } = self.order[i];
         match &self.sources[sensor] {
             Source::Horizon(h) => {
+                if h.noise.limb > 0.0 {
+                    let (star, angle) = h.epochs.sight(place);
+                    let given = StarGiven { star: star.map(T::splat), sigma: T::splat(h.noise.own) };
+                    let sensor = StarAngle { shape: h.noise.shape, limb: h.noise.limb };
+                    let left = T::splat(angle) - sensor.predict(x, &given)[0];
+                    return h.noise.shape.log_density(left, h.noise.own);
+                }
                 let rows = if h.how == Use::Together { h.epochs.rows(place) } else { place..place + 1 };
                 h.epochs.log_density(rows, &h.noise, &nadir)
             }

@@ -44,6 +44,8 @@ pub struct AngleScene {
     star: Vec<Vec3>,
     /// Their true angles, rad.
     angle: Vec<f64>,
+    /// What lies between nadir and limb at each epoch, rad; zero for angles to the nadir.
+    dip: Vec<f64>,
     noise: AngleNoise,
     blunders: Option<Blunders>,
 }
@@ -68,8 +70,9 @@ impl AngleScene {
         blunders.as_ref().map_or(Ok(()), Blunders::check)?;
         let nadir: Vec<Vec3> = r.iter().map(|r| unit_vector(r).map(|x| -x)).collect();
         let mut angle = Vec::with_capacity(star.len());
-        measured_from(&nadir, (counts, star), &mut angle);
-        Ok(Self { nadir, counts: counts.to_vec(), star: star.to_vec(), angle, noise, blunders })
+        let dip: Vec<f64> = r.iter().map(|r| (noise.limb / dot3(r, r).sqrt()).min(1.0).asin()).collect();
+        measured_from((&nadir, &dip), (counts, star), &mut angle);
+        Ok(Self { nadir, counts: counts.to_vec(), star: star.to_vec(), angle, dip, noise, blunders })
     }
 
     /// How many angles there are.
@@ -99,7 +102,7 @@ impl AngleScene {
             let mut stream = Stream::new(seed, trial, channel::NADIR);
             let erroneous = |n: &Vec3| turned(n, stream.normals().map(|x: f64| self.noise.shared * x));
             let nadir: Vec<Vec3> = self.nadir.iter().map(erroneous).collect();
-            measured_from(&nadir, (&self.counts, &self.star), out);
+            measured_from((&nadir, &self.dip), (&self.counts, &self.star), out);
         } else {
             out.extend_from_slice(&self.angle);
         }
@@ -130,11 +133,11 @@ fn folded(a: f64) -> f64 {
     if inside { a } else { PI - (a.rem_euclid(TAU) - PI).abs() }
 }
 
-/// Angles between the stars of each epoch and a direction of its own, added to `out`.
-fn measured_from(nadir: &[Vec3], (counts, star): (&[usize], &[Vec3]), out: &mut Vec<f64>) {
+/// Angles between the stars of each epoch and a direction of its own, less its dip, added to `out`.
+fn measured_from((nadir, dip): (&[Vec3], &[f64]), (counts, star): (&[usize], &[Vec3]), out: &mut Vec<f64>) {
     let mut stars = star.iter();
-    for (n, count) in nadir.iter().zip(counts) {
-        out.extend(stars.by_ref().take(*count).map(|s| angle(s, n)));
+    for ((n, dip), count) in nadir.iter().zip(dip).zip(counts) {
+        out.extend(stars.by_ref().take(*count).map(|s| angle(s, n) - dip));
     }
 }
 

@@ -1,15 +1,15 @@
 //! A bank of unscented Kalman filters.
 
 use super::weights::Weights;
-use super::{Cloud, Settings, Weighing};
+use super::{Cloud, Settings, Weighing, gathered, slot, stacked};
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
-use crate::filter::Filter;
+use crate::filter::{Filter, Ukf};
 use crate::linalg::{Matrix, apply, cholesky, from_fn, zeros};
-use crate::manifold::Manifold;
+use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
-use crate::scalar::Real;
+use crate::scalar::{Mask, Real};
 use crate::simulate::rng::Stream;
 use std::ops::Range;
 
@@ -46,6 +46,31 @@ pub(super) fn members<S: Manifold<N>, T: Real<Mask = bool>, const N: usize>(
         Gaussian { mean: S::map(&x, T::splat), cov }
     };
     Ok((0..settings.particles).map(one).collect())
+}
+
+/// Predicts all, eight at a time.
+#[inline(always)]
+pub(super) fn predict<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize>(
+    ukf: &Ukf,
+    members: &mut [Gaussian<D::Space, T, N>],
+    dynamics: &D,
+    u: &Input<D, T, N>,
+    (t, dt): (T, T),
+) -> bool {
+    let input = D::Input::map(u, T::stack);
+    let mut ok = true;
+    for group in members.chunks_mut(T::WIDTH) {
+        let mut pack = Gaussian::<D::Space, T::Pack, N> {
+            mean: stacked::<D::Space, T>(group.len(), |k| &group[k].mean),
+            cov: gathered(group.len(), |k| &group[k].cov),
+        };
+        ok &= ukf.predict(&mut pack, dynamics, &input, t.stack(), dt.stack()).all();
+        for (k, member) in group.iter_mut().enumerate() {
+            member.mean = slot::<D::Space, T>(&pack.mean, k);
+            member.cov = from_fn(|i, j| T::extract(pack.cov[(i, j)], k));
+        }
+    }
+    ok
 }
 
 /// Mean and covariance of a mixture; without the parts' own covariance unless `own`.
@@ -100,11 +125,7 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Bank<S, T, N> {
 impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Bank<D::Space, T, N> {
     #[inline(always)]
     fn predict(&mut self, dynamics: &D, u: &Input<D, T, N>, t: T, dt: T) -> bool {
-        let mut ok = true;
-        for member in &mut self.members {
-            ok &= self.settings.ukf.predict(member, dynamics, u, t, dt);
-        }
-        ok
+        predict(&self.settings.ukf, &mut self.members, dynamics, u, (t, dt))
     }
 
     #[inline(always)]

@@ -5,7 +5,7 @@ use super::{Cloud, Settings, Weighing, put, slot};
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
 use crate::filter::Ekf;
-use crate::linalg::{Matrix, apply, cholesky, from_fn, symmetric, zeros};
+use crate::linalg::{Matrix, apply, cholesky, cholesky_semidefinite, from_fn, symmetric, zeros};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
@@ -15,12 +15,14 @@ use std::ops::Range;
 
 /// Bootstrap particle filter, eight particles at a time.
 ///
-/// It needs many particles where a measurement is much sharper than the prediction, and process noise that is as
-/// large as what it stands for: nothing else keeps resampled particles apart. All memory is taken at the
-/// start.
+/// Resampled particles are copies of few, and only process noise parts them again: where that is small, as
+/// on an orbit, they soon stand for less than is uncertain, and the filter is lost. With [`Settings::kernel`] they are
+/// drawn from a smooth density instead: normal kernels about particles that are pulled to the mean, which leaves mean and covariance as they were. The kernels' width falls with
+/// the number of particles. All memory is taken at the start.
 ///
-/// Source: Gordon, Salmond, Smith, *Novel approach to nonlinear/non-Gaussian Bayesian state estimation*,
-/// 1993.
+/// Sources: Gordon, Salmond, Smith, *Novel approach to nonlinear/non-Gaussian Bayesian state estimation*,
+/// 1993; for the kernels Liu, West, *Combined parameter and state estimation in simulation-based filtering*,
+/// 2001, with Silverman's width.
 pub struct Bootstrap<S: Manifold<N>, T: Real, const N: usize> {
     /// Slots beyond the last particle repeat others and carry no weight.
     states: Vec<S::Of<T::Pack>>,
@@ -109,14 +111,20 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Bootstrap<S, T, N> {
 
     #[inline(always)]
     fn resample(&mut self, effective: f64) -> Result<bool> {
-        if !self.weights.refresh(&self.settings, effective, &mut self.stream)? {
+        if effective >= self.settings.threshold * self.settings.particles as f64 {
             return Ok(false);
         }
+        let before = self.gaussian();
+        self.weights.refresh(&self.settings, effective, &mut self.stream)?;
+        let smooth = self.settings.kernel.then(|| Kernel::new(&before, self.settings.particles));
         let count = self.weights.chosen.len();
         for (p, to) in self.spare.iter_mut().enumerate() {
             for k in 0..T::WIDTH {
                 let from = self.weights.chosen[(p * T::WIDTH + k).min(count - 1)];
                 *to = put::<S, T>(to, k, &self.states[from / T::WIDTH], from % T::WIDTH);
+            }
+            if let Some(kernel) = &smooth {
+                *to = kernel.draw(to, &mut self.stream);
             }
         }
         std::mem::swap(&mut self.states, &mut self.spare);
@@ -174,6 +182,32 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Bo
     #[inline(always)]
     fn moments(&self) -> Gaussian<D::Space, T, N> {
         self.gaussian()
+    }
+}
+
+/// A normal density about each particle, in packs.
+struct Kernel<S: Manifold<N>, T: Real, const N: usize> {
+    mean: S::Of<T::Pack>,
+    /// A square root of its covariance.
+    root: Matrix<T::Pack, N, N>,
+    /// How much of its distance from the mean a particle keeps.
+    shrink: f64,
+}
+
+impl<S: Manifold<N>, T: Real, const N: usize> Kernel<S, T, N> {
+    #[inline(always)]
+    fn new(cloud: &Gaussian<S, T, N>, count: usize) -> Self {
+        let n = N as f64;
+        let width = (4.0 / ((n + 2.0) * count as f64)).powf(1.0 / (n + 4.0)).min(1.0);
+        let root = cholesky_semidefinite(&cloud.cov);
+        let root = from_fn(|i, j| (root[(i, j)] * width).stack());
+        Self { mean: S::map(&cloud.mean, T::stack), root, shrink: (1.0 - width * width).sqrt() }
+    }
+
+    #[inline(always)]
+    fn draw(&self, x: &S::Of<T::Pack>, stream: &mut Stream) -> S::Of<T::Pack> {
+        let kept = S::local(&self.mean, x).map(|d| d * self.shrink);
+        moved::<S, T, N>(&S::retract(&self.mean, &kept), &self.root, stream)
     }
 }
 

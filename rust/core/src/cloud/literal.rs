@@ -1,16 +1,15 @@
 //! The unscented particle filter with one Kalman filter for each particle.
 
-use super::bank::{members, mixture};
+use super::bank::{members, mixture, predict};
 use super::weights::Weights;
-use super::{Cloud, Settings, Weighing};
+use super::{Cloud, Settings, Weighing, gathered, slot, stacked};
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
-use crate::filter::Filter;
-use crate::linalg::{Matrix, Vector, apply, cholesky, dot, forward_solve};
-use crate::manifold::Manifold;
+use crate::linalg::{Matrix, apply, cholesky, dot, forward_solve, from_fn};
+use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
-use crate::scalar::Real;
+use crate::scalar::{Mask, Real};
 use crate::simulate::rng::Stream;
 use std::ops::Range;
 
@@ -25,8 +24,10 @@ use std::ops::Range;
 /// Source: Ning, Ma, *Analysis of filtering methods for satellite celestial navigation*, 2010, section 3.3,
 /// eqs 27 to 29; van der Merwe, Doucet, de Freitas, Wan, *The unscented particle filter*, 2000.
 pub struct Literal<S: Manifold<N>, T: Real, const N: usize> {
-    members: Vec<Member<S, T, N>>,
-    spare: Vec<Member<S, T, N>>,
+    /// The particles, each with the covariance of its Kalman filter.
+    beliefs: Vec<Gaussian<S, T, N>>,
+    pasts: Vec<Past<S, T, N>>,
+    spare: Vec<(Gaussian<S, T, N>, Past<S, T, N>)>,
     used: Vec<usize>,
     weights: Weights,
     settings: Settings,
@@ -35,26 +36,31 @@ pub struct Literal<S: Manifold<N>, T: Real, const N: usize> {
     fresh: bool,
 }
 
-/// A particle and where it comes from.
-struct Member<S: Manifold<N>, T: Real, const N: usize> {
-    /// The particle, with the covariance of its Kalman filter.
-    belief: Gaussian<S, T, N>,
+/// Where a particle comes from.
+struct Past<S: Manifold<N>, T: Real, const N: usize> {
     /// The transition density: the particle before, moved, and the noise that has come in since.
     came: Gaussian<S, T, N>,
-    /// The density that it was drawn from.
-    centre: S::Of<T>,
-    root: Matrix<T, N, N>,
+    /// The density that it was drawn from: mean, and covariance.
+    drawn: Gaussian<S, T, N>,
     /// Logarithm of its weight's change.
     log: f64,
 }
 
-impl<S: Manifold<N>, T: Real, const N: usize> Clone for Member<S, T, N> {
+impl<S: Manifold<N>, T: Real, const N: usize> Clone for Past<S, T, N> {
     #[inline(always)]
     fn clone(&self) -> Self {
         *self
     }
 }
-impl<S: Manifold<N>, T: Real, const N: usize> Copy for Member<S, T, N> {}
+impl<S: Manifold<N>, T: Real, const N: usize> Copy for Past<S, T, N> {}
+
+/// Some samples, and how they would change the weights.
+struct Samples<S: Manifold<N>, T: Real, const N: usize> {
+    states: S::Of<T::Pack>,
+    logs: T::Pack,
+    /// Where all densities have a width.
+    ok: <T::Pack as Real>::Mask,
+}
 
 impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
     /// Draws the particles from a normal distribution; each Kalman filter begins with the whole covariance
@@ -71,41 +77,37 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
         let beliefs = members::<S, T, N>(mean, covariance, &settings, &mut stream)?;
         // measurements at the start itself come before any transition: the start stands for one
         let came = |b: &Gaussian<S, T, N>| Gaussian { mean: S::map(mean, T::splat), cov: b.cov };
-        let member = |belief: Gaussian<S, T, N>| Member {
-            came: came(&belief),
-            centre: belief.mean,
-            root: belief.cov,
-            log: 0.0,
-            belief,
-        };
-        let members: Vec<_> = beliefs.into_iter().map(member).collect();
-        let (spare, weights) = (members.clone(), Weights::new(settings.particles));
-        Ok(Self { members, spare, used: Vec::new(), weights, settings, stream, fresh: false })
+        let pasts: Vec<_> = beliefs.iter().map(|b| Past { came: came(b), drawn: *b, log: 0.0 }).collect();
+        let spare = beliefs.iter().copied().zip(pasts.iter().copied()).collect();
+        let weights = Weights::new(settings.particles);
+        Ok(Self { beliefs, pasts, spare, used: Vec::new(), weights, settings, stream, fresh: false })
     }
 
-    /// Draws a particle from its proposal, and says how its weight changes; None where a density has no
-    /// width.
+    /// Draws particles from their proposals, eight at a time.
     #[inline(always)]
     fn sample<Q: Sensors<S, N>>(
-        member: &Member<S, T, N>,
+        pasts: &[Past<S, T, N>],
         sensors: &Q,
         used: &[usize],
         stream: &mut Stream,
-    ) -> Option<(S::Of<T>, f64)> {
-        let white: Vector<T, N> = stream.normals().map(T::splat);
-        let x = S::normalise(&S::retract(&member.centre, &apply(&member.root, &white)));
-        let (narrow, ok) = cholesky(&member.came.cov);
-        if !ok {
-            return None;
+    ) -> Samples<S, T, N> {
+        let count = pasts.len();
+        let (root, one) = cholesky(&gathered(count, |k| &pasts[k].drawn.cov));
+        let (narrow, two) = cholesky(&gathered(count, |k| &pasts[k].came.cov));
+        let white: [T::Pack; N] = std::array::from_fn(|_| T::gather(|_| T::splat(stream.normal())));
+        let centre = stacked::<S, T>(count, |k| &pasts[k].drawn.mean);
+        let states = S::normalise(&S::retract(&centre, &apply(&root, &white)));
+        let y = forward_solve(&narrow, &S::local(&stacked::<S, T>(count, |k| &pasts[k].came.mean), &states));
+        let mut widths = T::Pack::one();
+        for i in 0..N {
+            widths = widths * (root[(i, i)] / narrow[(i, i)]);
         }
-        let y = forward_solve(&narrow, &S::local(&member.came.mean, &x));
-        let widths = (0..N).map(|i| (member.root[(i, i)] / narrow[(i, i)]).lane(0)).product::<f64>();
-        let squares = dot::<T, N>(|i| white[i], |i| white[i]) - dot::<T, N>(|i| y[i], |i| y[i]);
-        let mut log = widths.ln() + 0.5 * squares.lane(0);
+        let squares = dot::<_, N>(|i| white[i], |i| white[i]) - dot::<_, N>(|i| y[i], |i| y[i]);
+        let mut logs = widths.map(f64::ln) + squares * 0.5;
         for i in used {
-            log += sensors.log_likelihood::<T>(*i, &x).lane(0);
+            logs += sensors.log_likelihood::<T::Pack>(*i, &states);
         }
-        Some((x, log))
+        Samples { states, logs, ok: one.and(two) }
     }
 
     /// Kalman filters of all particles; which measurements were used by all of them.
@@ -120,8 +122,8 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
         self.used.clear();
         for i in epoch.clone() {
             let mut accepted = true;
-            for (k, member) in self.members.iter_mut().enumerate() {
-                let seen = sensors.update(i, &self.settings.ukf, &mut member.belief);
+            for (k, belief) in self.beliefs.iter_mut().enumerate() {
+                let seen = sensors.update(i, &self.settings.ukf, belief);
                 if !seen.ok {
                     return Err(failed("covariance in the update", i, sensors.time(i)));
                 }
@@ -142,35 +144,71 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
     #[inline(always)]
     fn walk<Q: Sensors<S, N>>(&mut self, sensors: &Q) -> f64 {
         let mut taken = 0usize;
-        for member in &mut self.members {
+        let groups = self.beliefs.chunks_mut(T::WIDTH).zip(self.pasts.chunks_mut(T::WIDTH));
+        for (beliefs, pasts) in groups {
             for _ in 0..self.settings.moves {
-                let Some((x, log)) = Self::sample(member, sensors, &self.used, &mut self.stream) else { continue };
-                if (1.0 - self.stream.uniform()).ln() < log - member.log {
-                    (member.belief.mean, member.log) = (x, log);
-                    taken += 1;
+                let new = Self::sample(pasts, sensors, &self.used, &mut self.stream);
+                for (k, (belief, past)) in beliefs.iter_mut().zip(pasts.iter_mut()).enumerate() {
+                    let log = T::extract(new.logs, k).lane(0);
+                    if (1.0 - self.stream.uniform()).ln() < log - past.log {
+                        (belief.mean, past.log) = (slot::<S, T>(&new.states, k), log);
+                        taken += 1;
+                    }
                 }
             }
         }
-        taken as f64 / (self.settings.moves * self.members.len()) as f64
+        taken as f64 / (self.settings.moves * self.beliefs.len()) as f64
+    }
+
+    /// What the step makes of the transition densities.
+    #[inline(always)]
+    fn carry<D: Dynamics<N, Space = S>>(&mut self, dynamics: &D, u: &Input<D, T, N>, t: T, dt: T) {
+        let input = D::Input::map(u, T::stack);
+        let (time, step) = (t.stack(), dt.stack());
+        for (beliefs, pasts) in self.beliefs.chunks(T::WIDTH).zip(self.pasts.chunks_mut(T::WIDTH)) {
+            let (mean, cov) = if self.fresh {
+                let x = stacked::<S, T>(beliefs.len(), |k| &beliefs[k].mean);
+                (dynamics.step(&x, &input, time, step), dynamics.noise(&x, &input, time, step))
+            } else {
+                let x = stacked::<S, T>(pasts.len(), |k| &pasts[k].came.mean);
+                let p = gathered(pasts.len(), |k| &pasts[k].came.cov);
+                dynamics.propagate(&x, &p, &input, time, step)
+            };
+            for (k, past) in pasts.iter_mut().enumerate() {
+                past.came.mean = slot::<S, T>(&mean, k);
+                past.came.cov = from_fn(|i, j| T::extract(cov[(i, j)], k));
+            }
+        }
+        self.fresh = false;
+    }
+
+    /// Samples all particles from where their Kalman filters are; false where a density has no width.
+    #[inline(always)]
+    fn draw<Q: Sensors<S, N>>(&mut self, sensors: &Q) -> bool {
+        let mut ok = true;
+        let groups = self.beliefs.chunks_mut(T::WIDTH).zip(self.pasts.chunks_mut(T::WIDTH));
+        for ((beliefs, pasts), logs) in groups.zip(self.weights.logs.chunks_mut(T::WIDTH)) {
+            for (belief, past) in beliefs.iter().zip(pasts.iter_mut()) {
+                past.drawn = *belief;
+            }
+            let new = Self::sample(pasts, sensors, &self.used, &mut self.stream);
+            ok &= new.ok.all();
+            for (k, (belief, past)) in beliefs.iter_mut().zip(pasts.iter_mut()).enumerate() {
+                belief.mean = slot::<S, T>(&new.states, k);
+                past.log = T::extract(new.logs, k).lane(0);
+                logs[k] += past.log;
+            }
+        }
+        self.fresh = true;
+        ok
     }
 }
 
 impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Literal<D::Space, T, N> {
     #[inline(always)]
     fn predict(&mut self, dynamics: &D, u: &Input<D, T, N>, t: T, dt: T) -> bool {
-        let mut ok = true;
-        for member in &mut self.members {
-            if self.fresh {
-                let x = &member.belief.mean;
-                member.came = Gaussian { mean: dynamics.step(x, u, t, dt), cov: dynamics.noise(x, u, t, dt) };
-            } else {
-                let (mean, cov) = dynamics.propagate(&member.came.mean, &member.came.cov, u, t, dt);
-                member.came = Gaussian { mean, cov };
-            }
-            ok &= self.settings.ukf.predict(&mut member.belief, dynamics, u, t, dt);
-        }
-        self.fresh = false;
-        ok
+        self.carry(dynamics, u, t, dt);
+        predict(&self.settings.ukf, &mut self.beliefs, dynamics, u, (t, dt))
     }
 
     #[inline(always)]
@@ -185,20 +223,12 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Li
             return Ok(Weighing::unused(self.weights.effective(), false));
         }
         let (first, t) = (epoch.start, sensors.time(epoch.start));
-        for (k, member) in self.members.iter_mut().enumerate() {
-            let (root, ok) = cholesky(&member.belief.cov);
-            (member.centre, member.root) = (member.belief.mean, root);
-            let sample = Self::sample(member, sensors, &self.used, &mut self.stream);
-            let (true, Some((x, log))) = (ok, sample) else {
-                return Err(failed("process noise, whose density weighs the particles,", first, t));
-            };
-            (member.belief.mean, member.log) = (x, log);
-            self.weights.logs[k] += log;
+        if !self.draw(sensors) {
+            return Err(failed("process noise, whose density weighs the particles,", first, t));
         }
-        self.fresh = true;
         let Some(log_likelihood) = self.weights.normalise() else {
-            for member in &mut self.members {
-                member.belief.mean = member.centre;
+            for (belief, past) in self.beliefs.iter_mut().zip(&self.pasts) {
+                belief.mean = past.drawn.mean;
             }
             self.weights.restore(self.settings.recover, first, t)?;
             return Ok(Weighing::unused(self.weights.effective(), true));
@@ -208,9 +238,11 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Li
         let mut moved = f64::NAN;
         if resampled {
             for (to, from) in self.spare.iter_mut().zip(&self.weights.chosen) {
-                *to = self.members[*from];
+                *to = (self.beliefs[*from], self.pasts[*from]);
             }
-            std::mem::swap(&mut self.members, &mut self.spare);
+            for (i, from) in self.spare.iter().enumerate() {
+                (self.beliefs[i], self.pasts[i]) = *from;
+            }
             if self.settings.moves > 0 {
                 moved = self.walk(sensors);
             }
@@ -220,7 +252,7 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Li
 
     #[inline(always)]
     fn moments(&self) -> Gaussian<D::Space, T, N> {
-        mixture(&self.weights.values, |k| &self.members[k].belief, false)
+        mixture(&self.weights.values, |k| &self.beliefs[k], false)
     }
 }
 

@@ -24,6 +24,7 @@ pub use proposal::Proposal;
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
 use crate::filter::Ukf;
+use crate::linalg::{Matrix, from_fn};
 use crate::manifold::Family;
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
@@ -86,6 +87,8 @@ pub struct Settings {
     pub threshold: f64,
     /// Metropolis moves of each particle after resampling.
     pub moves: usize,
+    /// Whether [`Bootstrap`] draws resampled particles from a smooth density.
+    pub kernel: bool,
     /// The Kalman filters of the particles.
     pub ukf: Ukf,
     /// Whether to go on where all weights vanish.
@@ -95,7 +98,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         let (resampling, ukf) = (Resampling::Systematic, Ukf::default());
-        Self { particles: 20, resampling, threshold: 0.5, moves: 0, ukf, recover: true }
+        Self { particles: 20, resampling, threshold: 0.5, moves: 0, kernel: true, ukf, recover: true }
     }
 }
 
@@ -128,6 +131,38 @@ fn put<S: Family, T: Real>(pack: &S::Of<T::Pack>, into: usize, from: &S::Of<T::P
         T::gather(
             #[inline(always)]
             |k| if k == into { T::extract(b, slot) } else { T::extract(a, k) },
+        )
+    })
+}
+
+/// Records side by side in a pack, the last of them in the slots that are left.
+#[inline(always)]
+fn stacked<'a, S: Family, T: Real>(count: usize, of: impl Fn(usize) -> &'a S::Of<T>) -> S::Of<T::Pack>
+where
+    S::Of<T>: 'a,
+{
+    let mut pack = S::map(of(count - 1), T::stack);
+    for into in 0..count - 1 {
+        pack = S::zip(&pack, of(into), |a, b| {
+            T::gather(
+                #[inline(always)]
+                |k| if k == into { b } else { T::extract(a, k) },
+            )
+        });
+    }
+    pack
+}
+
+/// Matrices side by side, likewise.
+#[inline(always)]
+fn gathered<'a, T: Real, const N: usize>(
+    count: usize,
+    of: impl Fn(usize) -> &'a Matrix<T, N, N>,
+) -> Matrix<T::Pack, N, N> {
+    from_fn(|i, j| {
+        T::gather(
+            #[inline(always)]
+            |k| of(k.min(count - 1))[(i, j)],
         )
     })
 }

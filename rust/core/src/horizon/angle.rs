@@ -15,11 +15,28 @@ fn zenith<T: Real>(x: &[T; 6]) -> (Vector<T, 3>, T) {
     ([r[0] * inverse, r[1] * inverse, r[2] * inverse], inverse)
 }
 
-/// Angle between a star and the nadir, rad.
+/// Angle between a star and the nadir, or the part of it up to the Earth's limb, rad.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StarAngle {
     /// Distribution of its error.
     pub shape: Shape,
+    /// Radius of the sphere whose limb angles end at, m; zero for angles to the nadir.
+    pub limb: f64,
+}
+
+impl StarAngle {
+    /// Angle between nadir and limb at a reciprocal distance, and its derivative to the distance. A sphere that
+    /// reaches up to the satellite has its limb at a right angle.
+    #[inline(always)]
+    fn dip<T: Real>(&self, inverse: T) -> (T, T) {
+        if self.limb == 0.0 {
+            return (T::zero(), T::zero());
+        }
+        let sine = inverse * self.limb;
+        let sine = T::select(sine.gt(T::one()), T::one(), sine);
+        let cosine = (T::one() - sine * sine).sqrt();
+        (sine.map(f64::asin), -(sine * inverse) * cosine.recip())
+    }
 }
 
 /// What is known of an angle beforehand.
@@ -54,13 +71,14 @@ impl Measurement<6, 1> for StarAngle {
     /// By sine and cosine: neither is precise for all angles.
     #[inline(always)]
     fn predict<T: Real>(&self, x: &[T; 6], given: &StarGiven<T>) -> [T; 1] {
-        let (up, _) = zenith(x);
+        let (up, inverse) = zenith(x);
         let across = cross(&given.star, &up);
         let (sine, cosine) = (dot3(&across, &across).sqrt(), -dot3(&given.star, &up));
-        [T::from_lanes(
+        let angle = T::from_lanes(
             #[inline(always)]
             |i| sine.lane(i).atan2(cosine.lane(i)),
-        )]
+        );
+        [angle - self.dip(inverse).0]
     }
     #[inline(always)]
     fn residual<T: Real>(&self, z: &[T; 1], zhat: &[T; 1]) -> Vector<T, 1> {
@@ -91,7 +109,13 @@ impl Measurement<6, 1> for StarAngle {
         let along = dot3(&given.star, &up);
         let across = cross(&given.star, &up);
         let scale = inverse * dot3(&across, &across).sqrt().recip();
-        from_fn(|_, j| if j < 3 { (given.star[j] - along * up[j]) * scale } else { T::zero() })
+        let (_, outwards) = self.dip(inverse);
+        from_fn(|_, j| {
+            if j >= 3 {
+                return T::zero();
+            }
+            (given.star[j] - along * up[j]) * scale - outwards * up[j]
+        })
     }
 }
 

@@ -74,7 +74,7 @@ impl Shape {
     }
 }
 
-/// Errors of the angles of one epoch.
+/// What the angles of one epoch are measured to, and their errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AngleNoise {
     /// Standard deviation of each angle's own error, rad.
@@ -84,6 +84,8 @@ pub struct AngleNoise {
     pub shared: f64,
     /// Distribution of the own errors.
     pub shape: Shape,
+    /// Radius of the sphere whose limb they end at, m; zero for angles to the nadir.
+    pub limb: f64,
 }
 
 impl AngleNoise {
@@ -112,7 +114,22 @@ impl AngleNoise {
             let need = "must be 0 where the angles' own errors are not normal";
             return Err(Error::Parameter { field: "shared sigma", value: shared, need });
         }
-        Ok(Self { own, shared, shape })
+        Ok(Self { own, shared, shape, limb: 0.0 })
+    }
+
+    /// The same for angles that end at the limb of a sphere of radius `limb`, m, seen from above it.
+    ///
+    /// # Errors
+    /// `Parameter` for a radius that is none, or beside a shared error: that of a limb is not that of a nadir.
+    pub fn to_limb(self, limb: f64) -> Result<Self> {
+        if !(limb.is_finite() && limb >= 0.0) {
+            return Err(Error::Parameter { field: "limb", value: limb, need: "must be finite and not negative" });
+        }
+        if limb > 0.0 && self.shared > 0.0 {
+            let need = "must be 0 for angles that end at the limb";
+            return Err(Error::Parameter { field: "shared sigma", value: self.shared, need });
+        }
+        Ok(Self { limb, ..self })
     }
 
     /// Variance of one angle, rad².

@@ -4,6 +4,27 @@
 use super::{Level, Mask, Real, mul_add};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+/// An array of an expression in each of the eight lanes, written out: the optimiser unrolls a loop of eight all the
+/// same, but with some ten thousand of them in one inlined filter that alone takes it minutes.
+macro_rules! lanes {
+    (|$i:ident| $e:expr) => {
+        [
+            lanes!(0, $i, $e),
+            lanes!(1, $i, $e),
+            lanes!(2, $i, $e),
+            lanes!(3, $i, $e),
+            lanes!(4, $i, $e),
+            lanes!(5, $i, $e),
+            lanes!(6, $i, $e),
+            lanes!(7, $i, $e),
+        ]
+    };
+    ($n:literal, $i:ident, $e:expr) => {{
+        let $i: usize = $n;
+        $e
+    }};
+}
+
 /// All-ones or all-zeros per lane, so that a select is three bit operations on any processor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(align(64))]
@@ -13,27 +34,17 @@ impl Mask for Mask8 {
     const TRUE: Self = Mask8([!0; 8]);
     #[inline(always)]
     fn and(self, other: Self) -> Self {
-        let mut o = self;
-        for i in 0..8 {
-            o.0[i] &= other.0[i];
-        }
-        o
+        Mask8(lanes!(|i| self.0[i] & other.0[i]))
     }
     #[inline(always)]
     fn all(self) -> bool {
-        let mut o = !0;
-        for i in 0..8 {
-            o &= self.0[i];
-        }
-        o == !0
+        let m = self.0;
+        (m[0] & m[1] & m[2] & m[3]) & (m[4] & m[5] & m[6] & m[7]) == !0
     }
     #[inline(always)]
     fn any(self) -> bool {
-        let mut o = 0;
-        for i in 0..8 {
-            o |= self.0[i];
-        }
-        o != 0
+        let m = self.0;
+        (m[0] | m[1] | m[2] | m[3]) | (m[4] | m[5] | m[6] | m[7]) != 0
     }
     #[inline(always)]
     fn lane(self, i: usize) -> bool {
@@ -48,12 +59,8 @@ pub struct Lanes<const FMA: bool>(pub [f64; 8]);
 
 impl<const FMA: bool> Lanes<FMA> {
     #[inline(always)]
-    fn zip(self, b: Self, f: impl Fn(f64, f64) -> f64) -> Self {
-        let mut o = [0.0; 8];
-        for i in 0..8 {
-            o[i] = f(self.0[i], b.0[i]);
-        }
-        Lanes(o)
+    fn zip(self, b: Self, f: impl Fn(f64, f64) -> f64 + Copy) -> Self {
+        Lanes(lanes!(|i| f(self.0[i], b.0[i])))
     }
     /// Sum over the lanes, in one fixed order.
     #[inline(always)]
@@ -131,6 +138,7 @@ impl<const FMA: bool> Real for Lanes<FMA> {
     }
     #[inline(always)]
     fn from_lanes(mut lane: impl FnMut(usize) -> f64) -> Self {
+        // a loop, so that a large closure has one place to be inlined at
         let mut o = [0.0; 8];
         for i in 0..8 {
             o[i] = lane(i);
@@ -143,11 +151,7 @@ impl<const FMA: bool> Real for Lanes<FMA> {
     }
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
-        let mut o = [0.0; 8];
-        for i in 0..8 {
-            o[i] = mul_add::<FMA>(self.0[i], b.0[i], c.0[i]);
-        }
-        Lanes(o)
+        Lanes(lanes!(|i| mul_add::<FMA>(self.0[i], b.0[i], c.0[i])))
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
@@ -171,19 +175,11 @@ impl<const FMA: bool> Real for Lanes<FMA> {
     }
     #[inline(always)]
     fn gt(self, b: Self) -> Mask8 {
-        let mut o = [0; 8];
-        for i in 0..8 {
-            o[i] = if self.0[i] > b.0[i] { !0 } else { 0 };
-        }
-        Mask8(o)
+        Mask8(lanes!(|i| if self.0[i] > b.0[i] { !0 } else { 0 }))
     }
     #[inline(always)]
     fn select(mask: Mask8, yes: Self, no: Self) -> Self {
-        let mut o = [0.0; 8];
-        for i in 0..8 {
-            let m = mask.0[i];
-            o[i] = f64::from_bits((yes.0[i].to_bits() & m) | (no.0[i].to_bits() & !m));
-        }
-        Lanes(o)
+        let one = |i: usize| (yes.0[i].to_bits() & mask.0[i]) | (no.0[i].to_bits() & !mask.0[i]);
+        Lanes(lanes!(|i| f64::from_bits(one(i))))
     }
 }
