@@ -7,12 +7,14 @@ import dataclasses
 import io
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import celestcore as cc
 import numpy as np
 import pytest
 from celestcore import cli
+from celestcore.reproduce import _orbit_blocks as blocks
 from celestcore.reproduce import _orbit_model as model
 from celestcore.reproduce import _orbit_paper as paper
 from celestcore.reproduce import celestial_orbit
@@ -387,3 +389,33 @@ def test_figures_have_their_curves(result: Result) -> None:
 def test_command_refuses(arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["reproduce", "celestial-orbit", *arguments]) == 2
     assert capsys.readouterr().err.startswith("error: ")
+
+
+def test_command_on_short_flights(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The whole road, with flights of 20 min: too short for the figures to mean anything."""
+    monkeypatch.setattr(model, "DURATION", 1200.0)
+    monkeypatch.setattr(model, "SKIP", 300.0)
+    monkeypatch.setattr(blocks, "LAST_ORBIT", 600.0)
+    out, file = tmp_path / "out", tmp_path / "a.json"
+    arguments = ["reproduce", "celestial-orbit", "--quick", "--seed", "4", "--json", str(file)]
+    made = []
+    for more in (["--threads", "1"], ["--threads", "3", "--out", str(out)]):
+        code = cli.main([*arguments, *more])
+        text, err = capsys.readouterr()
+        assert (code, err) == (0, "")
+        made.append(json.loads(file.read_text()))
+    assert "index.html" in text.replace("\n", "")
+    names = ("table_1", "table_2", "table_3", "outliers", "shapes", "starts", "refraction")
+    files = {f"{name}.csv" for name in names} | {f"{name}.svg" for name in NAMES}
+    assert {p.name for p in out.iterdir()} == {"index.html", "result.json", *files}
+    for part in ("table1", "table2", "long", "outliers", "shapes", "starts", "refraction", "sky"):
+        assert made[0][part] == made[1][part]
+    rows = {(r["period_s"], r["noise"], r["filter"]): r for r in made[0]["table1"]}
+    assert len(rows) == 4 * 2 * len(FILTERS)
+    ukf, ekf = rows[15.0, "A", "ukf"], rows[15.0, "A", "ekf"]
+    assert ukf["mean_pos_m"] == pytest.approx(ekf["mean_pos_m"], rel=0.01)
+    assert ukf["paper_mean_pos_m"] == 217.3204
+    assert all(r["mean_pos_m"] > 0.0 for r in made[0]["table1"] if r["filter"] != "bootstrap")
+    assert {r["gravity"] for r in made[0]["refraction"]} == {"j2", "21x21"}

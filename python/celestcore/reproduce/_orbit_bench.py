@@ -133,6 +133,8 @@ def navigator(name: str, cell: Cell, robust: bool = False) -> Any:
     name, apart, _ = name.partition("_apart")
     gravity = name.rpartition("_")[2] if name.endswith(("8x8", "21x21")) else "j2"
     psd = model.OTHER_PSD.get(name, model.ACCEL_PSD[gravity])
+    if cell.distribution == "uniform":
+        psd = model.UNIFORM_PSD.get(name, psd)
     integrator, edge = "rk4", model.EDGES.get(name.split("_")[0], 0.05)
     if name == "ekf_taylor":
         psd, integrator = model.TAYLOR_PSD[cell.period], "taylor"

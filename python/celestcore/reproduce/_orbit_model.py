@@ -34,9 +34,10 @@ DISTRIBUTIONS = ("normal", "student_t", "uniform")
 
 ACCEL_PSD = {"j2": 4e-7, "8x8": 4e-9, "21x21": 3e-11}
 """White acceleration that stands for what a force model leaves out [m^2/s^3]."""
-OTHER_PSD = {"score": 1e-6, "bootstrap": 3e-4}
-"""The same with J2 for the score filter, which is more accurate and so needs a little more, and for
-the bootstrap filter, whose particles it must keep apart."""
+UNIFORM_PSD = {"score": 1e-6}
+"""The same with J2 under uniform noise, where that filter is better and so needs a little more."""
+OTHER_PSD = {"bootstrap": 3e-4}
+"""The same with J2 where particles must be kept apart."""
 EDGES = {"score": 0.01}
 """Softness of the edges of uniform noise as a filter is told, over the half-width; others 0.05."""
 TAYLOR_PSD = {3.0: 1e-6, 15.0: 3e-6, 30.0: 1e-4, 60.0: 1e-2}

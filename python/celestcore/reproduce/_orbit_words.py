@@ -128,7 +128,8 @@ INFERRED = [
     "GCRF; RK4 steps of at most 30 s; white acceleration of 4e-7 m²/s³ (flat from 1e-7 to 8e-7). "
     "8×8 with Sun and Moon: 4e-9; 21×21: 3e-11 (with 1e-9 and 1e-12 their errors are the same to "
     "2 m, but NEES / 6 is 1.35 and 1.2 at T = 3 s). The Taylor EKF: 1e-6 / 3e-6 / 1e-4 / 1e-2 at "
-    "T = 3 / 15 / 30 / 60 s. The score filter with J2: 1e-6; the bootstrap filter: 3e-4.",
+    "T = 3 / 15 / 30 / 60 s. The score filter with J2 under uniform noise: 1e-6; the bootstrap "
+    "filter: 3e-4.",
     "Start: 1 km and 1 m/s per axis (1 sigma), P0 the same. Scored: mean and maximum over t ≥ 200 "
     "min, then the mean over the runs.",
     "The paper's “TABLE 2” period, 15 s, stands beside Table 1's three periods.",
