@@ -256,10 +256,33 @@ fn the_density_of_an_epoch_is_that_of_its_joint_normal_distribution() {
         let axes = tangents(&nadir);
         let e = DMatrix::from_fn(5, 2, |k, j| -dot3(&stars[k], &axes[j]) / angle(&stars[k], &nadir).sin());
         let r = DMatrix::identity(5, 5) * (own * own) + &e * e.transpose() * (shared * shared);
-        let left = DVector::from_fn(5, |k, _| angles[k] - angle(&stars[k], &nadir));
-        let expected = -0.5 * (left.transpose() * r.try_inverse().unwrap() * &left)[0];
-        let found: f64 = epochs.log_density(epochs.rows(0), &noise, &nadir);
-        assert!((found - expected).abs() < 1e-9 * expected.abs(), "{found} {expected}");
+        let weight = r.try_inverse().unwrap();
+        let expected = |at: &[f64; 3]| {
+            let left = DVector::from_fn(5, |k, _| angles[k] - angle(&stars[k], at));
+            -0.5 * (left.transpose() * &weight * &left)[0]
+        };
+        let found = |at: &[f64; 3]| -> f64 { epochs.log_density(0, &noise, at) };
+        // but for a constant, and for how much the angles bend over 1e-4 rad
+        let other = unit(std::array::from_fn(|i| nadir[i] + 1e-4 * axes[0][i] - 2e-4 * axes[1][i]));
+        let (found, expected) = (found(&other) - found(&nadir), expected(&other) - expected(&nadir));
+        assert!((found - expected).abs() < 3e-3 * expected.abs().max(1.0), "{shared} {found} {expected}");
+    }
+}
+
+#[test]
+fn shared_errors_leave_nothing_to_learn_but_the_direction() {
+    // a star half a degree from the zenith, others further off; the horizon is wrong by 72 arcsec
+    let star = |tilt: f64, azimuth: f64| [tilt.sin() * azimuth.cos(), tilt.sin() * azimuth.sin(), tilt.cos()];
+    let stars = [star(0.009, 0.3), star(0.05, 2.0), star(0.07, 4.0)];
+    let noise = normal_noise(1.5e-5, 3.5e-4);
+    let seen = unit([2.5e-4, -2.5e-4, -1.0]);
+    let angles: Vec<f64> = stars.iter().map(|s| angle(s, &seen)).collect();
+    let epochs = Epochs::new(&AngleSeries { t: &[1.0; 3], star: &stars, angle: &angles }).unwrap();
+    for at in [[0.0, 0.0, -1.0], [1e-4, 2e-4, -1.0], [-3e-4, 1e-4, -1.0]] {
+        let found: f64 = epochs.log_density(0, &noise, &unit(at));
+        let off = [at[0] - 2.5e-4, at[1] + 2.5e-4];
+        let expected = -0.5 * (off[0] * off[0] + off[1] * off[1]) / (3.5e-4f64 * 3.5e-4);
+        assert!((found - expected).abs() < 0.02 * expected.abs().max(0.5), "{found} {expected}");
     }
 }
 

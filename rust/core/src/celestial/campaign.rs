@@ -234,7 +234,8 @@ fn score(flight: &Flight<'_>, out: &Results, (skip, seconds): (f64, f64), end: &
         nees += normalised(&error, covariance);
     }
     let (nis, accepted) = measured(out, from);
-    let effective = out.effective.iter().sum::<f64>() / out.effective.len() as f64;
+    let counted: Vec<f64> = out.effective.iter().copied().filter(|e| !e.is_nan()).collect();
+    let effective = counted.iter().sum::<f64>() / counted.len() as f64;
     let last = flight.state[flight.state.len() - 1];
     Ok(Score {
         nees: nees / position.rows as f64,

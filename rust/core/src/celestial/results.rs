@@ -32,7 +32,8 @@ pub struct Results {
     pub innovation: Vec<[f64; MAX_DOF]>,
     /// Their standard deviations, rad.
     pub innovation_sigma: Vec<[f64; MAX_DOF]>,
-    /// Effective number of particles at the measurement; no rows for other filters.
+    /// Effective number of particles at the measurement, not a number where all weights vanished and the filter
+    /// recovered; no rows for other filters.
     pub effective: Vec<f64>,
 }
 
@@ -105,7 +106,8 @@ impl Sink<Euclidean<6>, 6> for Pass<'_> {
     }
     #[inline(always)]
     fn weighed(&mut self, _: usize, weighing: &Weighing) {
-        self.results.effective.push(weighing.effective);
+        // where the weights vanished there are none to count
+        self.results.effective.push(if weighing.recovered { f64::NAN } else { weighing.effective });
     }
     #[inline(always)]
     fn leaving<T: Real, B: Belief<Euclidean<6>, T, 6>>(&mut self, t: f64, to: f64, k: usize, belief: &B) {

@@ -261,8 +261,10 @@ impl Sensors<Euclidean<6>, 6> for CelestialSensors<'_> {
                     let left = T::splat(angle) - sensor.predict(x, &given)[0];
                     return h.noise.shape.log_density(left, h.noise.own);
                 }
-                let rows = if h.how == Use::Together { h.epochs.rows(place) } else { place..place + 1 };
-                h.epochs.log_density(rows, &h.noise, &nadir)
+                match h.how {
+                    Use::Together => h.epochs.log_density(place, &h.noise, &nadir),
+                    Use::OneByOne => h.epochs.log_density_of(place, &h.noise, &nadir),
+                }
             }
             Source::Refraction(table) => {
                 let given = table.given(place, &r);

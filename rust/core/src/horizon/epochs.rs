@@ -253,43 +253,59 @@ impl Epochs {
         }
     }
 
-    /// Logarithm of the density of angles of one epoch at a nadir direction, but for a constant.
+    /// Logarithm of the density of an epoch's angles at a nadir direction, but for a constant.
+    ///
+    /// What angles share, they share through one direction: the density is then that of the direction they give,
+    /// linearised there and nowhere else. Linearised at the nadir in question, 72 arcsec away, stars close to the
+    /// zenith would bend their 3 arcsec into knowledge that is not there.
     #[inline(always)]
-    pub fn log_density<T: Real>(&self, rows: std::ops::Range<usize>, noise: &AngleNoise, nadir: &[T; 3]) -> T {
-        let axes = tangents(nadir);
-        let mut sum = T::zero();
-        let (mut squares, mut gradient) = ([T::zero(); 3], [T::zero(); 2]);
-        for sight in &self.sights[rows] {
-            let one = SightPack::<T> {
-                star: sight.star.map(T::splat),
-                cos: T::splat(sight.cos),
-                sin: T::splat(sight.sin),
-                filled: T::one(),
-            };
-            let (left, sine) = one.left(nadir);
-            sum += noise.shape.log_density(left, noise.own);
-            if noise.shared > 0.0 {
-                let seen = sine.gt(T::splat(1e-9));
-                let inverse = T::select(seen, sine, T::one()).recip() * (1.0 / noise.own);
-                let e = [dot3(&one.star, &axes[0]) * inverse, dot3(&one.star, &axes[1]) * inverse];
-                let left = T::select(seen, left * (-1.0 / noise.own), T::zero());
-                squares[0] += e[0] * e[0];
-                squares[1] += e[0] * e[1];
-                squares[2] += e[1] * e[1];
-                gradient[0] += e[0] * left;
-                gradient[1] += e[1] * left;
+    pub fn log_density<T: Real>(&self, epoch: usize, noise: &AngleNoise, nadir: &[T; 3]) -> T {
+        if noise.shared == 0.0 {
+            let mut sum = T::zero();
+            for row in self.rows(epoch) {
+                sum += noise.shape.log_density(self.left(row, nadir), noise.own);
             }
+            return sum;
         }
-        if noise.shared > 0.0 {
-            // (σ² I + s² E Eᵀ)⁻¹ by Woodbury's formula; its determinant hardly depends on the direction
-            let prior = T::splat(1.0 / (noise.shared * noise.shared));
-            let [aa, ab, bb] = [squares[0] + prior, squares[1], squares[2] + prior];
-            let inverse = (aa * bb - ab * ab).recip();
-            let [a, b] = gradient;
-            let quadratic = (bb * a * a - ab * a * b * 2.0 + aa * b * b) * inverse;
-            sum += quadratic * 0.5;
+        let Some(fitted) = self.direction(epoch, noise, &nadir.map(|c| c.lane(0))) else { return T::zero() };
+        let axes = fitted.given.axes.map(|axis| axis.map(T::splat));
+        let off = |i: usize| T::splat(fitted.value[i]) - dot3(&axes[i], nadir);
+        let (a, b) = (off(0), off(1));
+        let [aa, ab, bb] = fitted.given.noise;
+        let [aa, ab, bb] = inverse(aa, ab, bb);
+        (a * a * aa + a * b * (2.0 * ab) + b * b * bb) * -0.5
+    }
+
+    /// The same of one angle alone.
+    #[inline(always)]
+    pub fn log_density_of<T: Real>(&self, row: usize, noise: &AngleNoise, nadir: &[T; 3]) -> T {
+        let left = self.left(row, nadir);
+        if noise.shared == 0.0 {
+            noise.shape.log_density(left, noise.own)
+        } else {
+            left * left * (-0.5 / noise.variance())
         }
-        sum
+    }
+
+    /// A measured angle less the one at a nadir direction.
+    #[inline(always)]
+    fn left<T: Real>(&self, row: usize, nadir: &[T; 3]) -> T {
+        let sight = &self.sights[row];
+        let one = SightPack::<T> {
+            star: sight.star.map(T::splat),
+            cos: T::splat(sight.cos),
+            sin: T::splat(sight.sin),
+            filled: T::one(),
+        };
+        one.left(nadir).0
+    }
+
+    /// The direction that an epoch's angles give near another one.
+    #[inline(never)]
+    fn direction(&self, epoch: usize, noise: &AngleNoise, near: &[f64; 3]) -> Option<Fitted<f64>> {
+        let shared = noise.shared * noise.shared;
+        let spread = crate::linalg::from_fn(|i, j| if i == j { shared } else { 0.0 });
+        self.fit(epoch, noise, Robust::No, &Expected { nadir: *near, spread })
     }
 }
 
