@@ -95,7 +95,7 @@ def test_weights_that_vanish_are_an_error_or_are_recovered_from():
     log, _ = log_of(uniform, steps=5)
     table = log.horizon
     # hard edges, and a start far from every angle
-    sharp = cc.StarHorizon(correlated=False, distribution="uniform", edge=1e-9)
+    sharp = cc.StarHorizon(correlated=False, distribution="uniform", edge=1e-200)
     spoilt = cc.CelestialLog(horizon=(table.t, table.star, np.clip(table.angle - 0.05, 0, np.pi)))
     strict = cc.CelestialNavigator(cc.BootstrapPF(50, recover=False), DYNAMICS, sharp)
     with pytest.raises(cc.NumericalError, match="measurement"):
