@@ -94,14 +94,22 @@ def _pays(result: Result) -> str:
 
 
 def _starts(result: Result) -> str:
-    groups: dict[str, list[str]] = {}
-    for row in result.starts:
-        said = f"{row['what']} {row['converged']} of {row['of']}"
-        groups.setdefault(row["start"], []).append(said)
-    found = "; ".join(f"from {start}: {', '.join(rows)}" for start, rows in groups.items())
+    """Say how many runs converge, by the form of the measurement."""
+    said = []
+    for start in dict.fromkeys(row["start"] for row in result.starts):
+        rows = [row for row in result.starts if row["start"] == start]
+        for apart, how in ((False, "combined"), (True, "one by one")):
+            found = [r for r in rows if r["filter"].endswith("_apart") == apart]
+            if found:
+                worst = min(found, key=lambda r: r["converged"])
+                said.append(
+                    f"from {start} with angles {how}: {worst['converged']} of {worst['of']} runs "
+                    f"at least ({worst['what'].split(',')[0]})"
+                )
     return (
-        "From large errors the form of the measurement decides more than the filter. Runs that "
-        f"converge, {found}."
+        "From large errors the form of the measurement decides more than the filter: angles that "
+        "are first combined to the nadir direction are nearly linear. Converged "
+        f"{'; '.join(said)}."
     )
 
 
