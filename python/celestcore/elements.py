@@ -120,6 +120,7 @@ def from_state(r: ArrayLike, v: ArrayLike, *, mu: float = MU) -> Elements:
     mu = number(mu, "mu", above=0.0)
     h = np.cross(position, velocity)
     radius, speed = np.linalg.norm(position, axis=-1), np.linalg.norm(velocity, axis=-1)
+    _in_metres(mu, radius, "r")
     turning = np.linalg.norm(h, axis=-1)
     flat = ~(turning > 1e-12 * radius * speed).reshape(-1)
     refuse(flat, "no orbital plane: the velocity is zero or along the position", "v", speed)
@@ -201,6 +202,7 @@ def to_state(elements: Elements, *, mu: float = MU) -> tuple[FloatArray, FloatAr
     """
     mu = number(mu, "mu", above=0.0)
     f, p = _checked(elements)
+    _in_metres(mu, p, "p" if elements.p is not None else "a")
     e, nu = f["e"], f["nu"]
     shape = 1.0 + e * np.cos(nu)
     refuse(~(shape > 1e-12).reshape(-1), "lies beyond the asymptote", "nu", nu)
@@ -301,3 +303,12 @@ def two_body(elements: Elements, t: ArrayLike, *, mu: float = MU) -> Elements:
     rate = np.where(e == 1.0, 2.0 * np.sqrt(mu / p**3), conic)
     mean = true_to_mean(f["nu"], e) + rate * seconds
     return elements._replace(nu=mean_to_true(mean, e), p=elements.p)
+
+
+def _in_metres(mu: float, length: FloatArray, field: str) -> None:
+    """Refuse lengths that look like kilometres, under the Earth's gravity in metres."""
+    if mu == MU:
+        small = ~(length >= 1e5).reshape(-1)
+        refuse(
+            small, "looks like kilometres: lengths are in metres, multiply by 1000", field, length
+        )

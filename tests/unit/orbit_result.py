@@ -14,7 +14,7 @@ from celestcore.reproduce._orbit_scores import Bound, Scores
 
 Result = celestial_orbit.Result
 
-# mean position errors [m] by period, noise A, as section O of the experiments has them
+# mean position errors [m] by period, noise A, as they are expected
 MEANS = {
     "ekf_taylor": (150, 361, 1088, 3950),
     "ekf_8x8": (53, 104, 149, 214),
@@ -132,7 +132,7 @@ def refracted(where: str, gravity: str, mean: float) -> dict[str, Any]:
         "gravity": gravity,
         "mean_pos_m": mean,
         "run_sd_m": 0.2 * mean,
-        "prototype": "383 / 411",
+        "expected": "383 / 411",
     }
 
 

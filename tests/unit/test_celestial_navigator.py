@@ -374,3 +374,35 @@ def test_a_solution_is_a_table():
     assert len(frame) == 5
     np.testing.assert_array_equal(frame["s_vz"], sol.sigma[:, 5])
     assert "5 rows, 25 angles, ekf" in repr(sol)
+
+
+def test_epochs_without_a_star_are_predicted_and_counted():
+    log, _ = log_of(B, steps=20)
+    table = log.horizon
+    seen = table.t != 45.0
+    columns = (table.t[seen], table.star[seen], table.angle[seen])
+    sparse = cc.CelestialLog(horizon=columns, times=table.epochs)
+    sol = cc.CelestialNavigator(cc.EKF(), DYNAMICS, B, gate=0.9999).run(sparse, R0 + 300.0, V0)
+    assert sol.counts["epochs"] == len(sol) == 20
+    assert sol.counts["predicted_only"] == 1
+    assert len(sol.measurement_t) == 19
+    grown, before = sol.sigma[3, :3], sol.sigma[2, :3]
+    assert (grown > before).any()
+
+
+def test_the_score_filter_shares_what_is_shared():
+    log, _ = log_of(B, steps=30)
+    score, ekf = (
+        cc.CelestialNavigator(kind, DYNAMICS, B).run(log, R0 + 300.0, V0)
+        for kind in (cc.ScoreEKF(), cc.EKF())
+    )
+    np.testing.assert_allclose(score.state, ekf.state, rtol=1e-12)
+
+
+def test_a_particle_filter_is_the_ukf_under_a_shared_error_too():
+    log, _ = log_of(B, steps=200)
+    ukf, upf = (
+        cc.CelestialNavigator(kind, DYNAMICS, B).run(log, R0 + 300.0, V0)
+        for kind in (cc.UKF(), cc.UPF())
+    )
+    assert np.abs(upf.r - ukf.r).max() < 1.0

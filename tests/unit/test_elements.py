@@ -185,3 +185,13 @@ def test_what_is_no_orbit_is_refused() -> None:
         elements.mean_to_true([1.0, 2.0], [0.1, 0.2, 0.3])
     with pytest.raises(cc.InputError, match="asymptote"):
         elements.true_to_mean(3.0, 2.0)
+
+
+def test_kilometres_are_found_out():
+    with pytest.raises(cc.InputError, match="kilometres"):
+        elements.from_state([7000.0, 0.0, 0.0], [0.0, 7.5, 0.0])
+    with pytest.raises(cc.InputError, match="kilometres"):
+        elements.to_state(elements.Elements(7000.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    # other bodies and other units are the caller's
+    r, _ = elements.to_state(elements.Elements(7000.0, 0.0, 1.0, 0.0, 0.0, 0.0), mu=398600.4415)
+    assert np.linalg.norm(r) == pytest.approx(7000.0)

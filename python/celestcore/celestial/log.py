@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from celestcore._check import FloatArray, array, unit_rows, warn
+from celestcore._check import times as check_times
 from celestcore._epoch import epoch_string
 from celestcore.errors import InputError
 
@@ -64,6 +65,9 @@ class CelestialLog:
         Refraction angles of stars seen through the atmosphere [rad].
     epoch : str, astropy Time or None
         Where the times count from.
+    times : array_like (k,), optional
+        Times of all epochs [s], increasing, those included at which no star was seen: a navigator
+        predicts, writes a row and counts them. By default the times in the tables.
 
     Attributes
     ----------
@@ -87,8 +91,10 @@ class CelestialLog:
         horizon: Any = None,
         refraction: Any = None,
         epoch: Any = None,
+        times: Any = None,
     ) -> None:
         self.epoch = epoch_string(epoch)
+        self._times = None if times is None else check_times(times, "times")
         self.horizon = _table(horizon, "horizon", 0.0, np.pi)
         self.refraction = _table(refraction, "refraction", -0.01, 0.1)  # noise may be larger
         if self.horizon is None and self.refraction is None:
@@ -110,7 +116,8 @@ class CelestialLog:
     @property
     def times(self) -> FloatArray:
         """Times of all epochs (k,), each once [s]."""
-        return np.unique(np.concatenate([table.t for table in self.tables.values()]))
+        seen = [table.t for table in self.tables.values()]
+        return np.unique(np.concatenate(seen if self._times is None else [*seen, self._times]))
 
 
 def _table(value: Any, name: str, smallest: float, largest: float) -> AngleTable | None:

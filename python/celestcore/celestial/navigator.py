@@ -58,7 +58,8 @@ class CelestialNavigator:
         1.345 loses 5 % if all are good (Huber 1964).
     combine : bool
         Whether the angles of an epoch are first combined to the nadir direction that they give
-        (nothing is lost, and the errors they share are treated right), or used one by one.
+        (nothing is lost, and the errors they share are treated right), or used one by one, as if
+        they shared nothing. `ScoreEKF` uses angles that share nothing one by one always.
 
     Raises
     ------
@@ -104,11 +105,11 @@ class CelestialNavigator:
             )
         if self.gate is not None and self.huber is not None:
             raise InputError("give gate or huber, not both", field="huber", value=huber)
-        self.combine = bool(combine) and not isinstance(filter, ScoreEKF)
+        self.combine = bool(combine)
         self._check_outliers()
 
     def _check_outliers(self) -> None:
-        if self.huber is not None and not self.combine:
+        if self.huber is not None and not self._together:
             raise InputError("weighs the angles that are combined", field="huber", value=self.huber)
 
     def __repr__(self) -> str:
@@ -333,6 +334,14 @@ class CelestialNavigator:
         return CelestialState(self, begin, start, covariance_of(sigma0, covariance0), tables, epoch)
 
     @property
+    def _together(self) -> bool:
+        """Whether angles are combined; the score filter needs them apart to know their noise."""
+        knows = isinstance(self.filter, ScoreEKF) and (
+            self.horizon is None or not self.horizon.shared
+        )
+        return self.combine and not knows
+
+    @property
     def horizon(self) -> StarHorizon | None:
         """The measurement of angles to the nadir, if there is one."""
         return next((m for m in self.measurements if isinstance(m, StarHorizon)), None)
@@ -356,7 +365,7 @@ class CelestialNavigator:
             **self.filter._setup(),
             **self.dynamics._described(tables),
             "outliers": outliers,
-            "horizon": None if horizon is None else horizon._described(self.combine),
+            "horizon": None if horizon is None else horizon._described(self._together),
             "refraction": None if refraction is None else refraction._described(epoch, t),
         }
 
@@ -454,6 +463,12 @@ def _solution(
             f"{seen - used} of {seen} angles were outside the gate: the start, the noise or the "
             "stars are probably wrong"
         )
+    recovered = int(np.isnan(out["effective"]).sum())
+    if recovered:
+        warn(
+            f"no particle explained {recovered} of {len(out['effective'])} measurements: there the "
+            "word of the Kalman filter was taken, or none (see recover)"
+        )
     state, final, p = out["state"], out["final_state"], out["final_covariance"]
     columns = ("t", "sigma", "measurement_t", "sensor", "row", "nis", "dof", "accepted")
     more = ("innovation", "innovation_sigma", "stars", "used")
@@ -468,7 +483,8 @@ def _solution(
             "angles": seen,
             "rejected": seen - used,
             "missing": sum(table.missing for table in log.tables.values()),
-            "predicted_only": int(np.count_nonzero(~out["accepted"])),
+            "predicted_only": _predicted_only(log, out),
+            "recovered": recovered,
             "outside": int(out["outside"]),
         },
         epoch=log.epoch,
@@ -485,3 +501,11 @@ def _solution(
         log_likelihood=float(out["log_likelihood"]),
         sensor_names=names,
     )
+
+
+def _predicted_only(log: CelestialLog, out: dict[str, Any]) -> int:
+    """Count the epochs of which nothing was used: rejected ones, and those without any angle."""
+    used = np.unique(out["measurement_t"][out["accepted"]])
+    begin, end = out["t"][0], out["final_t"]
+    within = log.times[(log.times >= begin) & (log.times <= end)]
+    return len(within) - len(used)

@@ -191,7 +191,9 @@ class Scenario:
         angle, _ = self._simulated(seed, trial)
         flight = self._described
         return CelestialLog(
-            horizon=(flight["star_t"], flight["star"], angle), epoch=self.orbit.epoch
+            horizon=(flight["star_t"], flight["star"], angle),
+            epoch=self.orbit.epoch,
+            times=self.truth.t,
         )
 
     def start(self, seed: int = 0, trial: int = 0) -> tuple[FloatArray, FloatArray]:

@@ -45,10 +45,12 @@ class OrbitSolution:
     stars, used : ndarray (m,) of int
         Angles of the measurement, and how many of them were used.
     ess : ndarray (m,)
-        Effective number of particles at each measurement; empty for other filters.
+        Effective number of particles at each measurement, NaN where none explained it; empty for
+        other filters.
     counts : dict of str to int
-        epochs, angles, rejected (angles), missing (rows without an angle), predicted_only
-        (measurements of which nothing was used), outside (before the start or after the end).
+        epochs, angles, rejected (angles), missing (rows without an angle), predicted_only (epochs
+        of which nothing was used), recovered (measurements that no particle explained), outside
+        (before the start or after the end).
     epoch : str or None
     filter : str
         Kind of the filter.

@@ -22,7 +22,7 @@ FIELDS: dict[str, list[str | float] | None] = {
 """Where cameras of 10 x 10 degrees look at the limb."""
 CASES = [(name, 0.0) for name in FIELDS] + [("aft and side", 0.01)]
 """Fields, and the relative error of the air's density that all stars share."""
-PROTOTYPE = {
+EXPECTED = {
     ("one aft field", 0.0): "383 / 411",
     ("aft and side", 0.0): "144 / 56",
     ("all azimuths", 0.0): "47 / 16",
@@ -103,5 +103,5 @@ def _row(task: tuple[str, float, str], errors: Array, stars: dict[str, float]) -
         "mean_vel_m_s": float(mean[2]),
         "max_vel_m_s": float(mean[3]),
         "run_sd_m": plain(scatter),
-        "prototype": PROTOTYPE[name, bias],
+        "expected": EXPECTED[name, bias],
     }

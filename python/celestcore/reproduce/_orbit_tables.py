@@ -241,11 +241,11 @@ def start_table(result: Result) -> str:
 
 def refraction_table(result: Result) -> str:
     """Return the orbit from stars seen through the atmosphere."""
-    head = ["stars seen", "density error", "J2 [m]", "21×21 [m]", "prototype, J2 / 21×21 [m]"]
+    head = ["stars seen", "density error", "J2 [m]", "21×21 [m]", "expected, J2 / 21×21 [m]"]
     rows: dict[tuple[str, str], list[str]] = {}
     for r in result.refraction:
         line = rows.setdefault(
-            (r["field"], r["density"]), [r["field"], r["density"], "–", "–", r["prototype"]]
+            (r["field"], r["density"]), [r["field"], r["density"], "–", "–", r["expected"]]
         )
         line[2 if r["gravity"] == "j2" else 3] = _measured(r)
     return grid(head, list(rows.values()))

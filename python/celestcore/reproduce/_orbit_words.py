@@ -193,7 +193,7 @@ REFRACTION = (
     "The second way of the paper's introduction, for which it gives no results: the refraction "
     "angle of a star seen through the atmosphere at 20 to 50 km, noise 3″, and 1 % error of the "
     "air's density drawn for each occultation. T = 15 s, spherical Earth. Few runs: take the "
-    "prototype's figures and these as orders of magnitude. Published figures are 38 to 131 m."
+    "expected figures and these as orders of magnitude. Published figures are 38 to 131 m."
 )
 
 

@@ -184,7 +184,7 @@ class Result:
                 for cell, found in self.long.items()
                 for name, scores in found.items()
             ],
-            "outliers": [row(outliers, name, s, None) for name, s in self.outliers.items()],
+            "outliers": [_unprinted(outliers, n, s) for n, s in self.outliers.items()],
             "shapes": self.shapes,
             "starts": self.starts,
             "refraction": self.refraction,
@@ -246,3 +246,8 @@ def run(
         elapsed_s=time.perf_counter() - begin,
         **found,
     )
+
+
+def _unprinted(cell: Cell, name: str, scores: Scores) -> dict[str, Any]:
+    """Return a row of what the paper has no figures for."""
+    return {k: v for k, v in row(cell, name, scores, None).items() if not k.startswith("paper_")}

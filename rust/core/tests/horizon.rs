@@ -151,7 +151,7 @@ fn combined_angles_lose_nothing() {
         let expected = vague(guess);
         let found = fit(&stars, &angles, &normal_noise(own, shared), Robust::No, &expected).unwrap();
         assert_eq!((found.used, found.rank), (stars.len(), 2));
-        // it stops a thousandth of an angle's standard deviation from the end
+        // what is left of the last step is in the value
         let found_direction = direction(&found, &best);
         for i in 0..3 {
             assert!((found_direction[i] - best[i]).abs() < 1e-3 * own, "{found_direction:?} {best:?}");

@@ -76,8 +76,9 @@ pub struct Expected<T: Real> {
 
 /// Gauss-Newton on two numbers.
 const ITERATIONS: usize = 20;
-/// A step below this part of an angle's own standard deviation changes nothing that could be seen.
-const SMALL: f64 = 1e-3;
+/// A step below this part of an angle's own standard deviation ends the fit: what an angle bends over it, its square
+/// over the star's distance from the zenith, is far below anything that could be seen.
+const SMALL: f64 = 0.05;
 /// Longest step, rad.
 const LONGEST: f64 = 0.1;
 /// What an axis that the angles do not fix is held to, relative to the one they do.
