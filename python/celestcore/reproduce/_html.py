@@ -118,4 +118,8 @@ def csv_dicts(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _cell(value: Any) -> str:
-    return " ".join(f"{v:.6g}" for v in value) if isinstance(value, list) else str(value)
+    if value is None:
+        return ""
+    if isinstance(value, list):
+        return " ".join(f"{v:.6g}" for v in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

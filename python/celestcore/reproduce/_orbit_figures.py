@@ -106,7 +106,9 @@ def _runs(result: Result, panels: dict[str, str], names: tuple[str, ...], what: 
             if name in found:
                 t, error = found[name]
                 colour, label = LINES[name]
-                ax.plot(t / HOUR, error, color=colour, lw=0.9, label=label)
+                # dashed where it lies upon the UKF's
+                line = (0, (4, 4)) if name == "upf" else "-"
+                ax.plot(t / HOUR, error, color=colour, lw=0.9, ls=line, label=label)
         ax.set_yscale("log")
         ax.set_title(f"{what}: {title}")
         ax.axvline(200.0 * 60.0 / HOUR, color=INK, lw=0.7, ls=":")
