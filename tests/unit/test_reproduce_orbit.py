@@ -146,7 +146,7 @@ def test_other_targets_can_be_missed(
 
 def test_few_runs_are_not_judged(result: Result) -> None:
     few = dataclasses.replace(result, runs=2)
-    assert {t.block for t in few.targets() if t.met is not None} == {"Table 3"}
+    assert all(target.met is None for target in few.targets())
     assert "not judged" in page(few, pictures=NO_PICTURES)
 
 
@@ -232,7 +232,7 @@ def test_csv_tables(result: Result) -> None:
     names = ("table_1", "table_2", "table_3", "outliers", "shapes", "starts", "refraction")
     assert list(tables) == [f"{name}.csv" for name in names]
     rows = list(csv.DictReader(io.StringIO(tables["table_1.csv"])))
-    ours = next(r for r in rows if (r["filter"], r["period_s"]) == ("upf", "30.0"))
+    ours = next(r for r in rows if (r["filter"], r["period_s"]) == ("upf", "30"))
     assert float(ours["mean_pos_m"]) == pytest.approx(276.0)
     assert float(ours["paper_mean_pos_m"]) == 193.9783
 
