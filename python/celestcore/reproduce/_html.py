@@ -122,4 +122,4 @@ def _cell(value: Any) -> str:
         return ""
     if isinstance(value, list):
         return " ".join(f"{v:.6g}" for v in value)
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
