@@ -1,4 +1,5 @@
 //! Skies and star angles: against searches of the whole catalogue, and the laws of their errors.
+#![allow(clippy::unwrap_used)]
 
 use celestcore_core::Error;
 use celestcore_core::celestial::{AngleScene, Blunders, SkyField};

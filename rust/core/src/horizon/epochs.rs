@@ -122,7 +122,8 @@ impl Epochs {
                     self.begin.push(row);
                 }
             }
-            if !((dot3(star, star) - 1.0).abs() < 1e-6) {
+            let off = dot3(star, star) - 1.0;
+            if off.is_nan() || off.abs() > 1e-6 {
                 let need = "is the length of a star's vector, which must be a unit vector";
                 return Err(Error::Parameter { field: "horizon.star", value: dot3(star, star).sqrt(), need });
             }
