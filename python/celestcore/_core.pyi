@@ -9,11 +9,16 @@ from typing_extensions import Self, disjoint_base
 
 __all__ = [
     "AttitudeStream",
+    "OrbitStream",
+    "RefractionTable",
     "Update",
     "__version__",
     "calibrate",
     "camera_isotropic",
     "camera_observe",
+    "celestial_monte_carlo",
+    "celestial_run",
+    "celestial_simulate",
     "chi2_cdf",
     "chi2_quantile",
     "monte_carlo",
@@ -37,6 +42,7 @@ __all__ = [
     "release_build",
     "replay",
     "simulate",
+    "sky_visible",
     "wahba_solve",
 ]
 
