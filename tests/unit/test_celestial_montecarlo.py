@@ -230,3 +230,10 @@ def test_scenarios_can_be_pickled() -> None:
     log, other = SCENARIO.log(1).horizon, again.log(1).horizon
     assert log is not None
     assert np.array_equal(log.angle, other.angle)
+
+
+@pytest.mark.parametrize("also", [(), (A,)], ids=["alone", "beside the horizon"])
+def test_what_a_scenario_does_not_simulate_is_not_left_out_in_silence(also: Any) -> None:
+    nav = cc.CelestialNavigator(cc.EKF(), DYNAMICS, [*also, cc.StarRefraction()])
+    with pytest.raises(cc.InputError, match="does not simulate"):
+        celestial.monte_carlo(SCENARIO, {"both": nav}, trials=1)

@@ -356,6 +356,8 @@ def test_a_navigator_that_cannot_be_is_refused():
         cc.CelestialNavigator(cc.EKF(), DYNAMICS, B, gate=1.5)
     with pytest.raises(cc.InputError, match="measurements"):
         cc.CelestialNavigator(cc.EKF(), DYNAMICS, [])
+    with pytest.raises(cc.InputError, match="one of each kind"):
+        cc.CelestialNavigator(cc.EKF(), DYNAMICS, [B, A])
     with pytest.raises(cc.InputError, match="radians"):
         cc.StarHorizon(3.0)
     with pytest.raises(cc.InputError, match="correlated=False"):

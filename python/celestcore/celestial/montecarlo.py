@@ -23,6 +23,7 @@ from celestcore._scores import gather
 from celestcore.celestial._scores import COLUMNS, MonteCarlo, Pooled, Scores
 from celestcore.celestial.navigator import CelestialNavigator
 from celestcore.celestial.scenario import Scenario
+from celestcore.errors import InputError
 from celestcore.orbit.propagate import environment_of
 from celestcore.simulate._scenario import whole
 
@@ -154,6 +155,12 @@ def _setups(scenario: Scenario, navs: Mapping[str, CelestialNavigator]) -> dict[
     tables: dict[str, Any] | None = None
     out = {}
     for name, nav in navs.items():
+        if nav.refraction is not None:
+            raise InputError(
+                "measures starlight refraction, which a Scenario does not simulate; run it trial "
+                "by trial on celestial.refracted_stars(...).measured(seed, trial)",
+                field=name,
+            )
         own = environment_of(nav.dynamics.force, epoch, t, tables)
         tables = own if tables is None else tables
         out[name] = nav._described(own, epoch, float(t[len(t) // 2]))

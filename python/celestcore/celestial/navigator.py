@@ -96,6 +96,8 @@ class CelestialNavigator:
         )
         if not self.measurements:
             raise InputError("needs at least one, such as StarHorizon()", field="measurements")
+        if len({type(m) for m in self.measurements}) < len(self.measurements):
+            raise InputError("takes one of each kind", field="measurements", value=len(given))
         self.gate = None if gate is None else number(gate, "gate", above=0.0)
         self.huber = None if huber is None else number(huber, "huber", above=0.0)
         if self.gate is not None and self.gate > 1.0:
