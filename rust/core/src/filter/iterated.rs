@@ -32,36 +32,7 @@ impl Default for Iterated {
 }
 
 impl Filter for Iterated {
-    type Belief<S: Manifold<N>, T: Real, const N: usize> = Gaussian<S, T, N>;
-
-    #[inline(always)]
-    fn cast<S: Manifold<N>, A: Real, B: Real, const N: usize>(belief: &Gaussian<S, A, N>) -> Gaussian<S, B, N> {
-        Ekf::cast::<S, A, B, N>(belief)
-    }
-
-    #[inline(always)]
-    fn predict<D: Dynamics<N>, T: Real, const N: usize>(
-        &self,
-        belief: &mut Gaussian<D::Space, T, N>,
-        dynamics: &D,
-        u: &Input<D, T, N>,
-        t: T,
-        dt: T,
-    ) -> T::Mask {
-        Ekf::default().predict(belief, dynamics, u, t, dt)
-    }
-
-    #[inline(always)]
-    fn joint<D: Dynamics<N>, T: Real, const N: usize>(
-        &self,
-        belief: &Gaussian<D::Space, T, N>,
-        dynamics: &D,
-        u: &Input<D, T, N>,
-        t: T,
-        dt: T,
-    ) -> (Joint<D::Space, T, N>, T::Mask) {
-        Ekf::default().joint(belief, dynamics, u, t, dt)
-    }
+    moves_as_ekf!();
 
     #[inline(always)]
     fn update<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(

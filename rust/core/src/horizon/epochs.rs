@@ -4,11 +4,11 @@
 //! many stars there are. So the angles of an epoch are fitted by a nadir direction, and the filters see
 //! that: one small update instead of one for each star, with nothing lost.
 
-use super::angle::PlaneGiven;
 use super::noise::AngleNoise;
+use super::normal::{Expected, Fitted, Sums, inverse};
+use super::sights::{Robust, Sight, SightPack};
 use crate::error::{Error, Result};
-use crate::linalg::Matrix;
-use crate::quaternion::{cross, dot3, tangents};
+use crate::quaternion::{dot3, tangents};
 use crate::scalar::{Mask, Real};
 
 /// Angles between stars and the nadir: rows of the same time are one epoch.
@@ -22,14 +22,6 @@ pub struct AngleSeries<'a> {
     pub angle: &'a [f64],
 }
 
-/// A star's direction and its measured angle.
-#[derive(Clone, Copy, Debug)]
-struct Sight {
-    star: [f64; 3],
-    cos: f64,
-    sin: f64,
-}
-
 /// Angles by epochs, ready for filters.
 #[derive(Clone, Debug, Default)]
 pub struct Epochs {
@@ -39,52 +31,11 @@ pub struct Epochs {
     sights: Vec<Sight>,
 }
 
-/// How angles that do not fit are treated; each is held against its own prediction.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Robust {
-    /// All are used.
-    #[default]
-    No,
-    /// Those whose squared, normalised innovation is above the number are left out.
-    Gate(f64),
-    /// The variance of those whose normalised innovation is above the number grows in proportion to it
-    /// (Huber, *Robust estimation of a location parameter*, 1964).
-    Huber(f64),
-}
-
-/// A nadir direction that an epoch's angles have given.
-#[derive(Clone, Copy, Debug)]
-pub struct Fitted<T> {
-    /// Axes across the place of linearisation, and the covariance of the direction's components along them.
-    pub given: PlaneGiven<T>,
-    /// The components.
-    pub value: [T; 2],
-    /// Angles that were used.
-    pub used: usize,
-    /// Directions that they fix: 2, or 1.
-    pub rank: usize,
-}
-
-/// What a filter expects of the nadir.
-#[derive(Clone, Copy, Debug)]
-pub struct Expected<T: Real> {
-    /// Unit vector.
-    pub nadir: [T; 3],
-    /// Covariance of the position over the squared distance, rad².
-    pub spread: Matrix<T, 3, 3>,
-}
-
 /// Gauss-Newton on two numbers.
 const ITERATIONS: usize = 20;
 /// A step below this part of an angle's own standard deviation ends the fit: what an angle bends over it, its square
 /// over the star's distance from the zenith, is far below anything that could be seen.
 const SMALL: f64 = 0.05;
-/// Longest step, rad.
-const LONGEST: f64 = 0.1;
-/// What an axis that the angles do not fix is held to, relative to the one they do.
-const FLOOR: f64 = 1e-9;
-/// Below this ratio of the squared extents of an epoch's stars their second direction counts for nothing.
-const FLAT: f64 = 1e-7;
 
 impl Epochs {
     /// # Errors
@@ -308,156 +259,5 @@ impl Epochs {
         let shared = noise.shared * noise.shared;
         let spread = crate::linalg::from_fn(|i, j| if i == j { shared } else { 0.0 });
         self.fit(epoch, noise, Robust::No, &Expected { nadir: *near, spread })
-    }
-}
-
-/// Stars side by side.
-struct SightPack<P> {
-    star: [P; 3],
-    cos: P,
-    sin: P,
-    filled: P,
-}
-
-impl<P: Real> SightPack<P> {
-    /// Measured angle less the one at a nadir direction, and the sine of that.
-    #[inline(always)]
-    fn left(&self, nadir: &[P; 3]) -> (P, P) {
-        let across = cross(&self.star, nadir);
-        let sine = dot3(&across, &across).sqrt();
-        let cosine = dot3(&self.star, nadir);
-        let s = self.sin.mul_add(cosine, -(self.cos * sine));
-        let c = self.cos.mul_add(cosine, self.sin * sine);
-        (small_angle(s, c), sine)
-    }
-
-    /// How far each angle is trusted: from 0, not at all, to 1.
-    #[inline(always)]
-    fn trust<T: Real<Pack = P>>(&self, robust: Robust, expected: &Expected<T>, noise: &AngleNoise) -> P {
-        let one = P::one();
-        let limit = match robust {
-            Robust::No => return one,
-            Robust::Gate(limit) | Robust::Huber(limit) => limit,
-        };
-        let down = expected.nadir.map(T::stack);
-        let (left, sine) = self.left(&down);
-        let along = dot3(&self.star, &down);
-        let inverse = P::select(sine.gt(P::splat(1e-9)), sine, one).recip();
-        let mut gradient = [P::zero(); 3];
-        for i in 0..3 {
-            gradient[i] = (along * down[i] - self.star[i]) * inverse;
-        }
-        let mut variance = P::splat(noise.variance());
-        for i in 0..3 {
-            for j in 0..3 {
-                variance = (gradient[i] * gradient[j]).mul_add(expected.spread[(i, j)].stack(), variance);
-            }
-        }
-        let square = left * left * variance.recip();
-        match robust {
-            Robust::Gate(_) => P::select(square.gt(P::splat(limit)), P::zero(), one),
-            _ => P::select(square.gt(P::splat(limit * limit)), square.sqrt().recip() * limit, one),
-        }
-    }
-}
-
-/// The angle of a sine and a cosine: a series while every lane is small.
-#[inline(always)]
-fn small_angle<T: Real>(sine: T, cosine: T) -> T {
-    const ASIN: [f64; 5] = [35.0 / 1152.0, 5.0 / 112.0, 3.0 / 40.0, 1.0 / 6.0, 1.0];
-    let square = sine * sine;
-    let small = T::splat(1e-3).gt(square).and(cosine.gt(T::zero()));
-    if small.all() {
-        return sine * square.poly(ASIN);
-    }
-    T::from_lanes(
-        #[inline(always)]
-        |i| sine.lane(i).atan2(cosine.lane(i)),
-    )
-}
-
-/// Inverse of a symmetric matrix, each as `(aa, ab, bb)`.
-#[inline(always)]
-fn inverse<T: Real>(aa: T, ab: T, bb: T) -> [T; 3] {
-    let inverse = (aa * bb - ab * ab).recip();
-    [bb * inverse, -ab * inverse, aa * inverse]
-}
-
-/// Normal equations of an epoch.
-struct Sums<T> {
-    axes: [[T; 3]; 2],
-    /// Information about the components along the axes `(aa, ab, bb)`.
-    squares: [T; 3],
-    gradient: [T; 2],
-    used: usize,
-}
-
-impl<T: Real> Sums<T> {
-    /// Step of Gauss and Newton towards the place where angles and expectation agree best, cut to a length that angles
-    /// can follow.
-    #[inline(always)]
-    fn step(&self, nadir: &[T; 3], expected: &Expected<T>, noise: &AngleNoise) -> [T; 2] {
-        let away = [nadir[0] - expected.nadir[0], nadir[1] - expected.nadir[1], nadir[2] - expected.nadir[2]];
-        let off = [dot3(&self.axes[0], &away), dot3(&self.axes[1], &away)];
-        let p = &expected.spread;
-        let spread = |a: &[T; 3], b: &[T; 3]| {
-            let row = |i: usize| dot3(&[p[(i, 0)], p[(i, 1)], p[(i, 2)]], b);
-            dot3(a, &[row(0), row(1), row(2)])
-        };
-        let shared = T::splat(noise.shared * noise.shared);
-        let [u, v] = &self.axes;
-        let [aa, ab, bb] = inverse(spread(u, u) + shared, spread(u, v), spread(v, v) + shared);
-        let gradient = [self.gradient[0] - aa * off[0] - ab * off[1], self.gradient[1] - ab * off[0] - bb * off[1]];
-        let [aa, ab, bb] = inverse(self.squares[0] + aa, self.squares[1] + ab, self.squares[2] + bb);
-        let step = [aa * gradient[0] + ab * gradient[1], ab * gradient[0] + bb * gradient[1]];
-        let square = step[0] * step[0] + step[1] * step[1];
-        let long = square.gt(T::splat(LONGEST * LONGEST));
-        let part = T::select(long, T::select(long, square, T::one()).sqrt().recip() * LONGEST, T::one());
-        [step[0] * part, step[1] * part]
-    }
-
-    /// Inverse of the information. An axis that the stars do not fix is held, loosely enough not to count.
-    #[inline(always)]
-    fn inverse(&self) -> [T; 3] {
-        let floor = (self.squares[0] + self.squares[2]) * FLOOR;
-        inverse(self.squares[0] + floor, self.squares[1], self.squares[2] + floor)
-    }
-
-    /// Along axes of which the first one is the one that is fixed.
-    #[inline(always)]
-    fn along_principal(&self, shared: T) -> Fitted<T> {
-        let [aa, ab, bb] = self.squares;
-        let turn = |f: fn(f64) -> f64| {
-            T::from_lanes(
-                #[inline(always)]
-                |i| f(0.5 * (ab.lane(i) * 2.0).atan2(aa.lane(i) - bb.lane(i))),
-            )
-        };
-        let (sin, cos) = (turn(f64::sin), turn(f64::cos));
-        let [u, v] = self.axes;
-        let mut axes = [u, v];
-        for i in 0..3 {
-            axes[0][i] = cos * u[i] + sin * v[i];
-            axes[1][i] = cos * v[i] - sin * u[i];
-        }
-        let own = (aa + bb).recip();
-        let along = (cos * self.gradient[0] + sin * self.gradient[1]) * own;
-        let noise = [own + shared, T::zero(), own * (1.0 / FLOOR)];
-        Fitted { given: PlaneGiven { axes, noise }, value: [along, T::zero()], used: self.used, rank: 1 }
-    }
-
-    #[inline(always)]
-    fn fitted(&self, noise: &AngleNoise) -> Fitted<T> {
-        let shared = T::splat(noise.shared * noise.shared);
-        let trace = self.squares[0] + self.squares[2];
-        let determinant = self.squares[0] * self.squares[2] - self.squares[1] * self.squares[1];
-        let flat = (trace * trace * FLAT).gt(determinant).any();
-        if flat {
-            return self.along_principal(shared);
-        }
-        let [aa, ab, bb] = self.inverse();
-        let [a, b] = self.gradient;
-        let given = PlaneGiven { axes: self.axes, noise: [aa + shared, ab, bb + shared] };
-        Fitted { given, value: [aa * a + ab * b, ab * a + bb * b], used: self.used, rank: 2 }
     }
 }

@@ -15,12 +15,16 @@ mod density;
 mod epochs;
 mod limb;
 mod noise;
+mod normal;
 mod refraction;
+mod sights;
 
 pub use angle::{AnglePlane, NadirPlane, PlaneGiven, PlaneGivens, StarAngle, StarGiven, StarGivens};
 pub use atmosphere::{Atmosphere, Bending, Level, REFRACTIVITY};
 pub use density::{Airless, UnknownDensity, WithDensity};
-pub use epochs::{AngleSeries, Epochs, Expected, Fitted, Robust};
+pub use epochs::{AngleSeries, Epochs};
 pub use limb::{Limb, LimbField, LimbNoise, Passed, Sight};
 pub use noise::{AngleNoise, Shape};
+pub use normal::{Expected, Fitted};
 pub use refraction::{Ellipsoid, Ray, RefractionAngle, RefractionGiven, RefractionGivens};
+pub use sights::Robust;
