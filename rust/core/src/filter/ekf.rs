@@ -2,9 +2,10 @@
 
 use super::{Filter, cast};
 use crate::belief::{Belief, Gaussian, Joint, Outcome};
-use crate::linalg::{Matrix, add, apply, cholesky, dot, from_fn, gain, square, symmetric, transpose};
+use crate::linalg::{Matrix, add, cholesky, from_fn, square, transpose};
 use crate::manifold::Manifold;
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
+use crate::packed::{Packed, gain};
 use crate::scalar::{Mask, Real};
 
 /// Extended Kalman filter: first-order propagation of the error-state covariance, Joseph's form in
@@ -45,7 +46,7 @@ impl Filter for Ekf {
         let (mean, cov) = dynamics.propagate(&belief.mean, &belief.cov, u, t, dt);
         let new = Gaussian { mean, cov };
         let ok = new.finite();
-        *belief = Belief::select(ok, &new, belief);
+        belief.take(ok, &new);
         ok
     }
 
@@ -85,12 +86,12 @@ impl Filter for Ekf {
         let (gain, nis, factored) = gain(&pht, &covariance, &innovation);
 
         let joseph = joseph(p, &gain, &pht, &hpht, &noise);
-        let step = apply(&gain, &innovation);
+        let step = gain.apply(&innovation);
         let cov = if self.reset { H::Space::transport(x, &step, &joseph) } else { joseph };
         let new = Gaussian { mean: H::Space::normalise(&H::Space::retract(x, &step)), cov };
         let ok = factored.and(new.healthy());
         let accepted = ok.and(gate.gt(nis));
-        *belief = Belief::select(accepted, &new, belief);
+        belief.take(accepted, &new);
         Outcome { ok, accepted, innovation, covariance, nis }
     }
 }
@@ -101,15 +102,13 @@ impl Filter for Ekf {
 #[inline(always)]
 pub(super) fn joseph<T: Real, const N: usize, const M: usize>(
     p: &Matrix<T, N, N>,
-    gain: &Matrix<T, N, M>,
+    gain: &Packed<T, N, M>,
     pht: &Matrix<T, N, M>,
     hpht: &Matrix<T, M, M>,
     noise: &Matrix<T, M, M>,
 ) -> Matrix<T, N, N> {
-    let signal = from_fn::<T, N, M>(|i, m| pht[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| hpht[(k, m)]));
-    let rest = from_fn::<T, N, M>(|i, m| signal[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| noise[(k, m)]));
-    symmetric(|i, j| {
-        let once = p[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| pht[(j, m)]);
-        once - dot::<T, M>(|m| rest[(i, m)], |m| gain[(j, m)])
-    })
+    let signal = Packed::new(pht).minus(gain, |k, m| hpht[(k, m)]);
+    let rest = signal.minus(gain, |k, m| noise[(k, m)]);
+    let once = Packed::new(p).minus(gain, |m, j| pht[(j, m)]);
+    once.minus(&rest, |m, j| gain.at(j, m)).symmetric()
 }
