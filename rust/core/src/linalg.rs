@@ -31,10 +31,13 @@ pub fn from_fn<T: Real, const R: usize, const C: usize>(mut entry: impl FnMut(us
 pub fn symmetric<T: Real, const N: usize>(mut entry: impl FnMut(usize, usize) -> T) -> Matrix<T, N, N> {
     let mut m = zeros();
     for i in 0..N {
-        for j in 0..=i {
-            let e = entry(i, j);
-            m[(i, j)] = e;
-            m[(j, i)] = e;
+        // over the whole row: a loop whose end depends on another is not always unrolled
+        for j in 0..N {
+            if j <= i {
+                let e = entry(i, j);
+                m[(i, j)] = e;
+                m[(j, i)] = e;
+            }
         }
     }
     m

@@ -114,6 +114,9 @@ pub trait Measurement<const N: usize, const M: usize> {
     /// What is measured; may itself be a quaternion.
     type Value: Family;
 
+    /// Whether the residual is that of the first `M` error states themselves: `H = [I 0]`.
+    const DIRECT: bool = false;
+
     /// Value expected in state `x`.
     fn predict<T: Real>(&self, x: &Seen<Self, T, N, M>, given: &Given<Self, T, N, M>) -> Value<Self, T, N, M>;
 

@@ -28,6 +28,7 @@ impl Measurement<6, 3> for StarQuaternion {
     /// Covariance of the attitude error in the body frame, rad².
     type Given = Symmetric3;
     type Value = UnitQuaternion;
+    const DIRECT: bool = true;
 
     #[inline(always)]
     fn predict<T: Real>(&self, x: &Attitude<T>, _: &[T; 6]) -> Quaternion<T> {
