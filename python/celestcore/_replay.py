@@ -101,7 +101,7 @@ def prepare(
 
 
 def _sensors(nav: StarGyroNavigator, log: SensorLog) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Return the sensors' names, and their columns and mountings for the core: nothing is copied."""
+    """Return the sensors' names, and columns and mountings for the core: nothing is copied."""
     names: list[str] = []
     sensors: list[tuple[Any, ...]] = []
     for name, star in log.stars.items():
@@ -161,7 +161,7 @@ def finish(
     """Return the core's answer to a call as a solution."""
     gyro = log.gyro
     assert gyro is not None
-    # what a filter does not use (LiteralUKF and directions) is neither accepted nor outside the gate
+    # what a filter does not use (LiteralUKF and directions) is neither accepted nor rejected
     accepted, outside, unused = out["tally"]
     measurements = accepted + outside + unused
     if outside > max(10, REJECTED * measurements):

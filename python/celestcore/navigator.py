@@ -152,9 +152,9 @@ class StarGyroNavigator:
             Whether to keep full 6x6 covariances at the output rate.
         innovations : {"full", "nis", "none"}
             What to keep of each measurement: ``"full"`` keeps its NIS, whether it was accepted, its
-            innovation and the innovation's sigma (73 bytes); ``"nis"`` leaves out the last two (25
-            bytes); ``"none"`` keeps nothing but `Solution.counts` and the likelihood, for logs of any
-            length in little memory.
+            innovation and the innovation's sigma (73 bytes); ``"nis"`` leaves out the last two
+            (25 bytes); ``"none"`` keeps nothing but `Solution.counts` and the likelihood, for
+            logs of any length in little memory.
         progress : callable, optional
             ``progress(done, total)`` [gyro samples], called some 20 times a second.
         portable : bool
@@ -173,6 +173,12 @@ class StarGyroNavigator:
             A covariance that is no longer positive definite; names step and time.
         KeyboardInterrupt
             On Ctrl-C, within a fraction of a second.
+
+        Notes
+        -----
+        The log is read where it is. Beyond it a run takes 136 bytes for each output row (424 with
+        `covariance`), what `innovations` says for each measurement, and little more than a byte a
+        measurement to merge several sensors.
 
         Examples
         --------

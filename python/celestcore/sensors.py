@@ -300,7 +300,7 @@ class StarCamera:
         noise = variances[:, :1] * turn[0]
         for k in range(1, 9):
             noise += variances[:, k : k + 1] * turn[k]
-        return noise
+        return np.asarray(noise)
 
     def _noise_for_core(self, own: FloatArray | None) -> FloatArray:
         """Noise as the core takes it: of each fix if they bring their own, else (6,) for all."""

@@ -174,10 +174,11 @@ class StarGyroState(_core.AttitudeStream):
         """
         if (dt is None) == (t is None):
             raise InputError("give steps dt or times t: one of them", field="dt")
-        steps = None if dt is None or isinstance(dt, float) else array(dt, "dt")
         step = dt if isinstance(dt, float) else 0.0
+        steps = None if dt is None or isinstance(dt, float) else array(dt, "dt")
         if steps is not None and steps.ndim == 0:
-            steps, step = None, float(steps)
+            step = float(steps)
+            steps = None
         out = self._process(
             rates if _as_the_core_takes_it(rates) else array(rates, "rates", (None, 3)),
             None if t is None else array(t, "t", (None,)),

@@ -87,7 +87,7 @@ pub fn rows(
     output: Output,
 ) -> Result<Rows> {
     let last = gyro.t.last().copied().unwrap_or(start.t);
-    let inside = |i: &usize| sensors.time(*i) >= start.t && sensors.time(*i) <= last;
+    let inside = |i: &usize| *i < sensors.len() && sensors.time(*i) >= start.t && sensors.time(*i) <= last;
     let measured = sensors.count(start.t, last) - usize::from(start.used.as_ref().is_some_and(inside));
     Ok(Rows { output: output_rows(gyro.t, start.t, last, output)?, measured })
 }
