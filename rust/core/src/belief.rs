@@ -139,6 +139,21 @@ pub struct Outcome<T: Real, const M: usize> {
     pub nis: T,
 }
 
+impl<T: Real, const M: usize> Outcome<T, M> {
+    /// Another outcome's where the mask is true.
+    #[inline(always)]
+    pub fn take(&mut self, mask: T::Mask, other: &Self) {
+        let both = |a: T::Mask, b: T::Mask| T::Mask::from_lanes(|i| if mask.lane(i) { a.lane(i) } else { b.lane(i) });
+        self.ok = both(other.ok, self.ok);
+        self.accepted = both(other.accepted, self.accepted);
+        for i in 0..M {
+            self.innovation[i] = T::select(mask, other.innovation[i], self.innovation[i]);
+        }
+        take_matrix::<T, M, M>(&mut self.covariance, mask, &other.covariance);
+        self.nis = T::select(mask, other.nis, self.nis);
+    }
+}
+
 /// A prediction together with what it has in common with the belief it came from, in factors:
 /// `P = L Lᵀ` before, `P⁻ = A Aᵀ + W` after and `cov(x, x⁻) = L Aᵀ`. What a smoother needs.
 pub struct Joint<S: Family, T: Real, const N: usize> {

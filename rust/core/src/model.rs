@@ -2,7 +2,7 @@
 
 use crate::linalg::{Matrix, Vector, add, cholesky_semidefinite, congruence, ldl, mul, mul_t, zeros};
 use crate::manifold::{Family, Manifold};
-use crate::scalar::Real;
+use crate::scalar::{Mask, Real};
 
 /// State of dynamics `D` over the scalar `T`.
 pub type State<D, T, const N: usize> = <<D as Dynamics<N>>::Space as Family>::Of<T>;
@@ -150,8 +150,8 @@ pub trait Measurement<const N: usize, const M: usize> {
     /// Whether the residual is linear in the error state, `residual(predict(x ⊞ d), predict(x)) = H d` to rounding,
     /// for all `d` with `dᵀ P⁻¹ d ≤ c`. Sigma points then say what `H P Hᵀ` says at once.
     #[inline(always)]
-    fn linear<T: Real>(&self, _p: &Matrix<T, N, N>, _c: f64) -> bool {
-        false
+    fn linear<T: Real>(&self, _p: &Matrix<T, N, N>, _c: f64) -> T::Mask {
+        T::Mask::from_lanes(|_| false)
     }
 
     /// `a Hᵀ`, with the Jacobian `H` at hand. Override it where `H` only selects: a Jacobian that is

@@ -84,18 +84,19 @@ const COS: [f64; 7] = [1.0 / 479_001_600.0, -1.0 / 3_628_800.0, 1.0 / 40_320.0, 
 /// beyond.
 #[inline(always)]
 fn half_angle<T: Real>(theta2: T) -> [T; 2] {
-    if !T::splat(0.25).gt(theta2).all() {
-        return half_angle_large(theta2);
-    }
     let h2 = theta2 * 0.25;
-    [h2.poly(COS), h2.poly(SINC) * 0.5]
+    let series = [h2.poly(COS), h2.poly(SINC) * 0.5];
+    if T::splat(0.25).gt(theta2).all() { series } else { half_angle_large(theta2, series) }
 }
 
+/// Lane by lane: what a lane gets does not depend on the others.
 #[cold]
 #[inline(never)]
-fn half_angle_large<T: Real>(theta2: T) -> [T; 2] {
+fn half_angle_large<T: Real>(theta2: T, series: [T; 2]) -> [T; 2] {
+    let small = T::splat(0.25).gt(theta2);
     let angle = theta2.sqrt();
-    [angle.map(|a| (0.5 * a).cos()), angle.map(|a| if a < 1e-9 { 0.5 } else { (0.5 * a).sin() / a })]
+    let closed = [angle.map(|a| (0.5 * a).cos()), angle.map(|a| (0.5 * a).sin() / a)];
+    [T::select(small, series[0], closed[0]), T::select(small, series[1], closed[1])]
 }
 
 /// Quaternion of a rotation vector (Solà eq. 101).
@@ -120,23 +121,20 @@ pub fn log<T: Real>(q: &Quaternion<T>) -> Vector<T, 3> {
         2.0,
     ];
     let s2 = q[1].mul_add(q[1], q[2].mul_add(q[2], q[3] * q[3]));
-    if !T::splat(0.01).gt(s2).all() {
-        return log_large(q);
-    }
-    let k = s2.poly(ASINC).copysign(q[0]);
+    let series = s2.poly(ASINC).copysign(q[0]);
+    let k = if T::splat(0.01).gt(s2).all() { series } else { log_large(q, s2, series) };
     [k * q[1], k * q[2], k * q[3]]
 }
 
 #[cold]
 #[inline(never)]
-fn log_large<T: Real>(q: &Quaternion<T>) -> Vector<T, 3> {
-    let n = dot3(&[q[1], q[2], q[3]], &[q[1], q[2], q[3]]).sqrt();
-    let k = T::from_lanes(|i| {
+fn log_large<T: Real>(q: &Quaternion<T>, s2: T, series: T) -> T {
+    let n = s2.sqrt();
+    let closed = T::from_lanes(|i| {
         let (n, w) = (n.lane(i), q[0].lane(i));
-        let k = if n < 1e-9 { 2.0 } else { 2.0 * n.atan2(w.abs()) / n };
-        k.copysign(w)
+        (2.0 * n.atan2(w.abs()) / n).copysign(w)
     });
-    [k * q[1], k * q[2], k * q[3]]
+    T::select(T::splat(0.01).gt(s2), series, closed)
 }
 
 /// Rotation vector that leads from `a` to `b` in the frame of the right-hand side: `log(a* ⊗ b)`.
@@ -259,10 +257,8 @@ const C4: [f64; 4] = [-2.0 / 39_916_800.0, 2.0 / 362_880.0, -2.0 / 5040.0, 2.0 /
 /// `[(1 − cos θ)/θ², (θ − sin θ)/θ³, (½ − (1 − cos θ)/θ²)/θ², (⅓ − 2 (θ − sin θ)/θ³)/θ²]`.
 #[inline(always)]
 fn angle_coefficients<T: Real>(theta2: T) -> [T; 4] {
-    if !T::splat(0.25).gt(theta2).all() {
-        return angle_coefficients_large(theta2);
-    }
-    [theta2.poly(C1), theta2.poly(C2), theta2.poly(C3), theta2.poly(C4)]
+    let series = [theta2.poly(C1), theta2.poly(C2), theta2.poly(C3), theta2.poly(C4)];
+    if T::splat(0.25).gt(theta2).all() { series } else { angle_coefficients_large(theta2, series) }
 }
 
 /// A rotation vector with all that a step of the kinematics needs of it, computed together.
@@ -282,13 +278,14 @@ impl<T: Real> Turn<T> {
     pub(crate) fn new(v: &Vector<T, 3>) -> Self {
         let skew = InSkew::new(v);
         let theta2 = skew.theta2();
-        let ([cos, s], [c2, c3, c4]) = if T::splat(0.25).gt(theta2).all() {
-            let h2 = theta2 * 0.25;
-            ([h2.poly(COS), h2.poly(SINC) * 0.5], [theta2.poly(C2), theta2.poly(C3), theta2.poly(C4)])
-        } else {
-            let [_, c2, c3, c4] = angle_coefficients_large(theta2);
-            (half_angle_large(theta2), [c2, c3, c4])
-        };
+        let h2 = theta2 * 0.25;
+        let mut half = [h2.poly(COS), h2.poly(SINC) * 0.5];
+        let mut others = [T::zero(), theta2.poly(C2), theta2.poly(C3), theta2.poly(C4)];
+        if !T::splat(0.25).gt(theta2).all() {
+            half = half_angle_large(theta2, half);
+            others = angle_coefficients_large(theta2, others);
+        }
+        let ([cos, s], [_, c2, c3, c4]) = (half, others);
         // sin θ = 2 sin(θ/2) cos(θ/2), 1 − cos θ = 2 sin²(θ/2)
         let sinc = s * cos * 2.0;
         Self { skew, q: [cos, s * v[0], s * v[1], s * v[2]], sinc, coefficients: [s * s * 2.0, c2, c3, c4] }
@@ -298,7 +295,7 @@ impl<T: Real> Turn<T> {
 /// Lane by lane: the series where it holds, the closed form elsewhere.
 #[cold]
 #[inline(never)]
-fn angle_coefficients_large<T: Real>(theta2: T) -> [T; 4] {
+fn angle_coefficients_large<T: Real>(theta2: T, series: [T; 4]) -> [T; 4] {
     fn c1(t2: f64) -> f64 {
         let s = (0.5 * t2.sqrt()).sin();
         2.0 * s * s / t2
@@ -307,15 +304,14 @@ fn angle_coefficients_large<T: Real>(theta2: T) -> [T; 4] {
         let t = t2.sqrt();
         (t - t.sin()) / (t2 * t)
     }
-    let each = |series: &dyn Fn(f64) -> f64, closed: &dyn Fn(f64) -> f64| {
-        theta2.map(|t2| if t2 < 0.25 { series(t2) } else { closed(t2) })
-    };
-    [
-        each(&|t2| t2.poly(C1), &c1),
-        each(&|t2| t2.poly(C2), &c2),
-        each(&|t2| t2.poly(C3), &|t2| (0.5 - c1(t2)) / t2),
-        each(&|t2| t2.poly(C4), &|t2| (1.0 / 3.0 - 2.0 * c2(t2)) / t2),
-    ]
+    let small = T::splat(0.25).gt(theta2);
+    let closed = [
+        theta2.map(c1),
+        theta2.map(c2),
+        theta2.map(|t2| (0.5 - c1(t2)) / t2),
+        theta2.map(|t2| (1.0 / 3.0 - 2.0 * c2(t2)) / t2),
+    ];
+    std::array::from_fn(|i| T::select(small, series[i], closed[i]))
 }
 
 /// Right Jacobian of the rotation group: `exp(v + d) ≈ exp(v) ⊗ exp(J d)` (Solà eq. 183).
@@ -343,21 +339,20 @@ const INVERSE: [f64; 4] = [1.0 / 1_209_600.0, 1.0 / 30_240.0, 1.0 / 720.0, 1.0 /
 pub fn right_jacobian_inverse<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
     let skew = InSkew::new(v);
     let theta2 = skew.theta2();
-    let k = if T::splat(1e-2).gt(theta2).all() { theta2.poly(INVERSE) } else { inverse_coefficient(theta2) };
+    let series = theta2.poly(INVERSE);
+    let k = if T::splat(1e-2).gt(theta2).all() { series } else { inverse_coefficient(theta2, series) };
     skew.matrix(T::one(), T::splat(0.5), k)
 }
 
 /// `1/θ² − cot(θ/2) / (2θ)`, which stays finite at π.
 #[cold]
 #[inline(never)]
-fn inverse_coefficient<T: Real>(theta2: T) -> T {
-    theta2.map(|theta2| {
-        if theta2 < 1e-2 {
-            return theta2.poly(INVERSE);
-        }
+fn inverse_coefficient<T: Real>(theta2: T, series: T) -> T {
+    let closed = theta2.map(|theta2| {
         let t = theta2.sqrt();
         (1.0 - 0.5 * t * (0.5 * t).cos() / (0.5 * t).sin()) / theta2
-    })
+    });
+    T::select(T::splat(1e-2).gt(theta2), series, closed)
 }
 
 /// Matrices `a I + b [v]× + c [v]×²` of one vector, with `[v]×² = v vᵀ − θ² I`: products are shared.
@@ -439,10 +434,12 @@ pub(crate) fn turn<T: Real>(rotation: &Vector<T, 3>, integrator: Integrator) -> 
             let v = s.poly([-1.0 / 12.0, 0.5]);
             // 1/|p|, with |p|² = 1 − s³/72 + s⁴/576
             let short = s * s * s * s.poly([1.0 / 576.0, -1.0 / 72.0]);
-            let scale = if T::splat(0.01).gt(s).all() {
-                short.mul_add(T::splat(-0.5), T::one())
+            let series = short.mul_add(T::splat(-0.5), T::one());
+            let small = T::splat(0.01).gt(s);
+            let scale = if small.all() {
+                series
             } else {
-                (T::one() + short).sqrt().recip()
+                T::select(small, series, (T::one() + short).sqrt().recip())
             };
             let v = v * scale;
             [w * scale, v * rotation[0], v * rotation[1], v * rotation[2]]

@@ -1,5 +1,6 @@
 //! Attitude from a gyro and star cameras or direction sensors.
 
+mod batch;
 mod block;
 mod calibration;
 pub mod camera;
@@ -18,7 +19,9 @@ mod state;
 mod stream;
 mod system;
 pub mod wahba;
+mod writer;
 
+pub use batch::{Flight, in_lanes, run_many};
 pub use block::{Samples, Times};
 pub use calibration::{CALIBRATED, Calibrated, CalibratedSpace, Calibration, GuidedInput, GuidedInputs, GuidedSeries};
 pub use columns::{Buffers, Columns, Measured, Rows, Tally, rows};

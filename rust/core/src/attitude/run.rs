@@ -8,6 +8,7 @@ use super::literal::LiteralModel;
 use super::series::{AttitudeSensors, GyroSeries};
 use super::state::AttitudeBias;
 use super::system::{Seen, System};
+use super::writer::Writer;
 use crate::belief::Belief;
 use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, Iterated, SrUkf, Ukf};
@@ -38,106 +39,6 @@ pub struct Options {
     pub output: Output,
     /// Instruction set.
     pub level: Level,
-}
-
-/// Writes what a replay reports into columns.
-struct Writer<'a, Y> {
-    columns: Columns<'a>,
-    measured: Measured<'a>,
-    gyro: &'a GyroSeries<'a>,
-    sensors: &'a AttitudeSensors<'a>,
-    system: &'a Y,
-    /// Row that comes next, and the one written before it: a smoother writes from the end.
-    next: usize,
-    before: Option<usize>,
-    backwards: bool,
-    reports: usize,
-}
-
-impl<Y> Writer<'_, Y> {
-    #[inline(always)]
-    fn advance(&mut self) -> (usize, Option<usize>) {
-        let (row, before) = (self.next, self.before);
-        self.next = if self.backwards { row.wrapping_sub(1) } else { row + 1 };
-        self.before = Some(row);
-        (row, before)
-    }
-
-    /// Measured rate at time `t`, at or after input sample `k`.
-    #[inline(always)]
-    fn rate(&self, t: f64, k: usize) -> [f64; 3] {
-        match self.gyro.t.get(k + 1) {
-            Some(next) if t >= *next => self.gyro.at(k + 1),
-            _ if t > self.gyro.t[k] => self.gyro.between(k).rate,
-            _ => self.gyro.at(k),
-        }
-    }
-}
-
-impl<Y: System<N>, const N: usize> Sink<Y::Space, N> for Writer<'_, Y> {
-    #[inline(always)]
-    fn state<T: Real, B: Belief<Y::Space, T, N>>(&mut self, t: f64, k: usize, belief: &B) {
-        let (row, before) = self.advance();
-        let x = self.system.attitude(belief.mean());
-        let mut q = [x.q[0].lane(0), x.q[1].lane(0), x.q[2].lane(0), x.q[3].lane(0)];
-        if let Some(before) = before {
-            let last = self.columns.q[before];
-            if last[0] * q[0] + last[1] * q[1] + last[2] * q[2] + last[3] * q[3] < 0.0 {
-                q = [-q[0], -q[1], -q[2], -q[3]];
-            }
-        }
-        let bias = [x.bias[0].lane(0), x.bias[1].lane(0), x.bias[2].lane(0)];
-        let rate = self.rate(t, k);
-        let variance = self.system.variance(belief);
-        let mut sigma = [0.0; 6];
-        for i in 0..6 {
-            sigma[i] = variance[i].lane(0).sqrt();
-        }
-        self.columns.t[row] = t;
-        self.columns.q[row] = q;
-        self.columns.rate[row] = [rate[0] - bias[0], rate[1] - bias[1], rate[2] - bias[2]];
-        self.columns.bias[row] = bias;
-        self.columns.sigma[row] = sigma;
-        if let Some(p) = self.columns.covariance.get_mut(row) {
-            let cov = self.system.covariance(belief.mean(), &belief.covariance());
-            for i in 0..6 {
-                for j in 0..6 {
-                    p[i][j] = cov[(i, j)].lane(0);
-                }
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn measured(&mut self, i: usize, report: &Report) {
-        let n = self.reports;
-        self.reports += 1;
-        let m = &mut self.measured;
-        if let Some(tally) = &mut m.tally {
-            tally.add(report);
-        }
-        if n < m.t.len() {
-            let (sensor, row) = self.sensors.source(i);
-            m.t[n] = self.sensors.sensors()[sensor].times()[row];
-            write(m.sensor, n, sensor as i32);
-            write(m.row, n, row as i32);
-        }
-        write(m.dof, n, report.dof as i32);
-        write(m.nis, n, report.nis);
-        write(m.accepted, n, report.accepted);
-        write(m.innovation, n, report.innovation);
-        if n < m.innovation_sigma.len() {
-            m.innovation_sigma[n] = std::array::from_fn(|i| report.covariance[i][i].sqrt());
-        }
-    }
-}
-
-/// Writes one row of a column, if it is wanted.
-#[inline(always)]
-fn write<T>(column: &mut [T], row: usize, value: T) {
-    if let Some(to) = column.get_mut(row) {
-        *to = value;
-    }
 }
 
 /// A system and its log.
@@ -320,17 +221,7 @@ impl Call<'_, '_> {
         let (mean, covariance) = system.start(&self.start.mean, &self.start.covariance);
         let start = Start { t: self.start.t, mean, covariance, used: self.start.used };
         let rows = self.columns.t.len();
-        let writer = Writer {
-            next: if self.back { rows.wrapping_sub(1) } else { 0 },
-            columns: self.columns,
-            measured: self.measured,
-            gyro: self.log.gyro,
-            sensors: self.log.sensors,
-            system,
-            before: None,
-            backwards: self.back,
-            reports: 0,
-        };
+        let writer = Writer::new(self.log, system, self.columns, self.measured, self.back);
         let sensors = Seen { sensors: self.log.sensors, system };
         let output = self.options.output;
         let replay = Replay { filter, dynamics: system, drive, sensors: &sensors, output };

@@ -53,8 +53,8 @@ impl Measurement<6, 3> for StarQuaternion {
     }
     /// The residual of `q ⊗ exp(δθ)` is `δθ` itself, up to half a turn.
     #[inline(always)]
-    fn linear<T: Real>(&self, p: &Matrix<T, 6, 6>, c: f64) -> bool {
-        T::splat(9.0).gt((p[(0, 0)] + p[(1, 1)] + p[(2, 2)]) * c).all()
+    fn linear<T: Real>(&self, p: &Matrix<T, 6, 6>, c: f64) -> T::Mask {
+        T::splat(9.0).gt((p[(0, 0)] + p[(1, 1)] + p[(2, 2)]) * c)
     }
 }
 

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::linalg::{
     Matrix, Vector, apply, cholesky, dot, forward_solve, from_fn, mul_t, square, symmetric, transpose, zeros,
 };
-use crate::manifold::{Family, Manifold};
+use crate::manifold::{Family, Manifold, take_matrix};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::scalar::{Mask, Real};
 
@@ -153,6 +153,13 @@ impl<T: Real, const N: usize, const M: usize> Stacked<T, N, M> {
         absorb(&mut new.rest, &mut d);
         new
     }
+    /// Another one where the mask is true.
+    #[inline(always)]
+    fn take(&mut self, mask: T::Mask, other: &Self) {
+        take_matrix::<T, M, M>(&mut self.root, mask, &other.root);
+        take_matrix::<T, N, M>(&mut self.gain, mask, &other.gain);
+        take_matrix::<T, N, N>(&mut self.rest, mask, &other.rest);
+    }
 }
 
 impl SrUkf {
@@ -293,12 +300,17 @@ impl Filter for SrUkf {
     ) -> Outcome<T, M> {
         let (root, factored) = cholesky(&sensor.noise(given));
         let mut innovation = sensor.residual(z, &sensor.predict(&belief.mean, given));
-        let stacked = if sensor.linear(&square(&belief.factor), self.weights.spread(N)) {
+        let linear = sensor.linear(&square(&belief.factor), self.weights.spread(N));
+        let stacked = if linear.all() {
             Self::seen(belief, sensor, given, root)
         } else {
-            let (stacked, bias) = self.sampled(belief, sensor, given, root);
+            let (mut stacked, bias) = self.sampled(belief, sensor, given, root);
+            if linear.any() {
+                // each lane by itself, whatever its neighbours are
+                stacked.take(linear, &Self::seen(belief, sensor, given, root));
+            }
             for i in 0..M {
-                innovation[i] -= bias[i];
+                innovation[i] -= T::select(linear, T::zero(), bias[i]);
             }
             stacked
         };

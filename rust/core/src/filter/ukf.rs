@@ -71,10 +71,35 @@ impl Filter for Ukf {
         z: &Value<H, T, N, M>,
         gate: T,
     ) -> Outcome<T, M> {
-        let spread = self.weights.spread(N);
-        if sensor.linear(&belief.cov, spread) {
+        let linear = sensor.linear(&belief.cov, self.weights.spread(N));
+        if linear.all() {
             return Ekf::default().update(belief, sensor, given, z, gate);
         }
+        let mut other = *belief;
+        let mut outcome = self.sampled(&mut other, sensor, given, z, gate);
+        if linear.any() {
+            // each lane by itself, whatever its neighbours are
+            let straight = Ekf::default().update(belief, sensor, given, z, gate);
+            outcome.take(linear, &straight);
+            other.take(linear, belief);
+        }
+        *belief = other;
+        outcome
+    }
+}
+
+impl Ukf {
+    /// The update by sigma points.
+    #[inline(always)]
+    fn sampled<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(
+        &self,
+        belief: &mut Gaussian<H::Space, T, N>,
+        sensor: &H,
+        given: &Given<H, T, N, M>,
+        z: &Value<H, T, N, M>,
+        gate: T,
+    ) -> Outcome<T, M> {
+        let spread = self.weights.spread(N);
         let (root, factored) = cholesky(&belief.cov);
         let x = H::Space::map(&belief.mean, T::stack);
         let known = H::Given::map(given, T::stack);

@@ -15,7 +15,7 @@ use crate::filter::Filter;
 use crate::linalg::{Matrix, from_fn};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Input};
-use crate::scalar::Real;
+use crate::scalar::{Mask, Real};
 use std::cmp::Ordering;
 
 /// Largest number of degrees of freedom of a measurement in a replay.
@@ -71,20 +71,26 @@ pub struct Report {
 impl<T: Real<Mask = bool>, const M: usize> From<Outcome<T, M>> for Report {
     #[inline(always)]
     fn from(o: Outcome<T, M>) -> Self {
-        let mut innovation = [f64::NAN; MAX_DOF];
-        let mut covariance = [[f64::NAN; MAX_DOF]; MAX_DOF];
-        for i in 0..M.min(MAX_DOF) {
-            innovation[i] = o.innovation[i].lane(0);
-            for j in 0..M.min(MAX_DOF) {
-                covariance[i][j] = o.covariance[(i, j)].lane(0);
-            }
-        }
-        let rows = [1, usize::from(o.accepted)];
-        Self { ok: o.ok, accepted: o.accepted, dof: M, nis: o.nis.lane(0), innovation, covariance, rows }
+        Self::of_lane(&o, 0)
     }
 }
 
 impl Report {
+    /// One lane of an outcome.
+    #[inline(always)]
+    pub(crate) fn of_lane<T: Real, const M: usize>(o: &Outcome<T, M>, lane: usize) -> Self {
+        let mut innovation = [f64::NAN; MAX_DOF];
+        let mut covariance = [[f64::NAN; MAX_DOF]; MAX_DOF];
+        for i in 0..M.min(MAX_DOF) {
+            innovation[i] = o.innovation[i].lane(lane);
+            for j in 0..M.min(MAX_DOF) {
+                covariance[i][j] = o.covariance[(i, j)].lane(lane);
+            }
+        }
+        let (ok, accepted) = (o.ok.lane(lane), o.accepted.lane(lane));
+        Self { ok, accepted, dof: M, nis: o.nis.lane(lane), innovation, covariance, rows: [1, usize::from(accepted)] }
+    }
+
     /// Determinant of the innovation's covariance.
     #[inline(always)]
     pub(crate) fn determinant(&self) -> f64 {
@@ -186,7 +192,7 @@ struct Cursor<B> {
 
 /// Log-likelihood of measurements. Determinants are multiplied, and powers of two counted apart before they leave the
 /// range of a number: a logarithm of each would cost as much as a part of the update.
-struct Evidence {
+pub(crate) struct Evidence {
     squares: f64,
     product: f64,
     powers: i64,
@@ -201,7 +207,7 @@ impl Default for Evidence {
 
 impl Evidence {
     #[inline(always)]
-    fn add(&mut self, report: &Report) {
+    pub(crate) fn add(&mut self, report: &Report) {
         if !report.accepted {
             return;
         }
@@ -216,7 +222,7 @@ impl Evidence {
             self.product = f64::from_bits(bits & !(0x7ff << 52) | ONE);
         }
     }
-    fn log(&self) -> f64 {
+    pub(crate) fn log(&self) -> f64 {
         let logs = self.product.ln() + self.powers as f64 * std::f64::consts::LN_2;
         -0.5 * (self.squares + logs + self.numbers as f64 * std::f64::consts::TAU.ln())
     }
@@ -378,7 +384,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
 }
 
 /// The last input sample not after `t`.
-fn first_sample(times: &[f64], t: f64) -> Result<usize> {
+pub(crate) fn first_sample(times: &[f64], t: f64) -> Result<usize> {
     let Some(last) = times.last() else { return Err(Error::Empty { field: "gyro" }) };
     if !(t >= times[0] && t <= *last) {
         return Err(Error::Parameter { field: "start time", value: t, need: "must lie within the log's time span" });

@@ -3,7 +3,9 @@
 //! them is made at run time, once per run.
 #![allow(unsafe_code)]
 
-use super::{Fused, Real};
+use super::{Lanes, Real};
+#[cfg(target_arch = "x86_64")]
+use super::{Fused, Wide};
 
 /// Instruction set that a run is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +23,14 @@ pub trait Run {
     type Output;
     /// Runs it on one scalar type.
     fn run<T: Real<Mask = bool>>(self) -> Self::Output;
+}
+
+/// A computation on eight lanes that are eight separate problems.
+pub trait RunWide {
+    /// What it computes.
+    type Output;
+    /// Runs it on one type of lanes.
+    fn run<T: Real<Pack = T>>(self) -> Self::Output;
 }
 
 impl Level {
@@ -49,6 +59,22 @@ impl Level {
         }
         job.run::<f64>()
     }
+
+    /// Runs `job` on lanes at this level, or at the baseline where the processor does not have it.
+    pub fn run_wide<R: RunWide>(self, job: R) -> R::Output {
+        #[cfg(target_arch = "x86_64")]
+        if self == Self::Avx2 && self.available() {
+            // SAFETY: the processor has the features, checked in the line above.
+            return unsafe { avx2_wide(job) };
+        }
+        job.run::<Lanes<false>>()
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn avx2_wide<R: RunWide>(job: R) -> R::Output {
+    job.run::<Wide>()
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -14,7 +14,7 @@ use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 pub(crate) use dispatch::{Baseline, Runner};
-pub use dispatch::{Level, Run};
+pub use dispatch::{Level, Run, RunWide};
 pub use lanes::{Lanes, Mask8};
 #[cfg(target_arch = "x86_64")]
 pub use avx2::{Wide, WideMask};
