@@ -177,8 +177,8 @@ class StarGyroNavigator:
         Notes
         -----
         The log is read where it is. Beyond it a run takes 136 bytes for each output row (424 with
-        `covariance`), what `innovations` says for each measurement, and little more than a byte a
-        measurement to merge several sensors.
+        `covariance`), what `innovations` says for each measurement, and two bytes for each to
+        merge several sensors.
 
         Examples
         --------

@@ -7,7 +7,6 @@ the body frame that it leads to; sensors that are used together must name the sa
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
@@ -24,6 +23,7 @@ from celestcore._check import (
     unit_rows,
     warn,
 )
+from celestcore._mounting import matrix_of, packed_rotation, turned
 from celestcore._tables import warn_if_large
 from celestcore.errors import InputError
 
@@ -37,7 +37,6 @@ __all__ = ["SAMPLINGS", "Gyro", "StarCamera", "VectorSensor"]
 SAMPLINGS = ("hold", "integrated", "average")
 _LARGE_ARW = 1e-2
 _LARGE_ERRORS = 0.5
-_PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 def _set(sensor: object, **values: Any) -> None:
@@ -49,28 +48,6 @@ def _frame(value: object, field: str) -> str:
     if not isinstance(value, str) or not value.strip():
         raise InputError("must be the name of a frame", field=field, value=value)
     return value
-
-
-def _matrix(q: QuaternionLike) -> FloatArray:
-    from celestcore.quaternion import to_matrix
-
-    return np.asarray(to_matrix(np.asarray(q, dtype=np.float64)))
-
-
-def _turned(turn: FloatArray, v: FloatArray) -> FloatArray:
-    """Return vectors (..., 3) turned by a matrix, to the bits of the core.
-
-    Term by term as there: a matrix product may round differently.
-    """
-    x, y, z = (turn[:, k] * v[..., k : k + 1] for k in range(3))
-    return np.ascontiguousarray(x + y + z)
-
-
-@lru_cache(maxsize=64)
-def _packed_rotation(mounting: tuple[float, ...] | None) -> FloatArray:
-    """Return the matrix (9, 6) from the elements of C to those of R C R^T, packed."""
-    turn = np.eye(3) if mounting is None else _matrix(mounting)
-    return np.stack([np.outer(turn[i], turn[j]).reshape(9) for i, j in _PACKED], axis=1)
 
 
 @dataclass(frozen=True)
@@ -166,13 +143,13 @@ class Gyro:
         turn = self._turn()
         if turn is None:
             return rate
-        return _turned(turn, rate)
+        return turned(turn, rate)
 
     def _turn(self) -> FloatArray | None:
         """Matrix (3, 3) from measured rates to rates of the body, None for none."""
         if self.mounting is None and self.errors is None:
             return None
-        turn = np.eye(3) if self.mounting is None else _matrix(self.mounting)
+        turn = np.eye(3) if self.mounting is None else matrix_of(self.mounting)
         if self.errors is None:
             return turn
         return np.asarray(np.linalg.solve(np.eye(3) + np.asarray(self.errors), turn))
@@ -293,7 +270,7 @@ class StarCamera:
         """Noise in the body frame, packed (n, 6); (1, 6) if always the same."""
         variances = self._covariance(n, sigma, covariance).reshape(-1, 9)
         stored = cast("tuple[float, ...] | None", self.mounting)  # since __post_init__
-        turn = _packed_rotation(stored)
+        turn = packed_rotation(stored)
         if sigma is None and covariance is None:
             return np.asarray(variances @ turn)
         # term by term, as the core does it for the fixes of a log
@@ -410,12 +387,12 @@ class VectorSensor:
         """
         v = directions(array(b, "vector.body", (None, 3)), "vector.body")
         if self.mounting is not None:
-            v = _turned(_matrix(self.mounting), v)
+            v = turned(matrix_of(self.mounting), v)
         v /= np.linalg.norm(v, axis=1, keepdims=True)
         return unit_rows(v, "vector.body", what="vector", hint="")
 
     def _turn(self) -> list[float]:
         """Matrix from the sensor's frame to the body's, row by row."""
-        turn = np.eye(3) if self.mounting is None else _matrix(self.mounting)
+        turn = np.eye(3) if self.mounting is None else matrix_of(self.mounting)
         entries: list[float] = turn.reshape(-1).tolist()
         return entries

@@ -125,7 +125,8 @@ class StarGyroState(_core.AttitudeStream):
         """Move on with a block of gyro samples: `predict` with each of them, in one call.
 
         The same bits as calls of `predict` at the times ``state.t + dt``, ``... + dt`` and so on.
-        All of the block is used or, if an error is raised, nothing of it.
+        All of the block is used or, if an error is raised, nothing of it. Other Python threads run
+        while a large block (512 samples or more) is worked on.
 
         Parameters
         ----------
@@ -143,8 +144,7 @@ class StarGyroState(_core.AttitudeStream):
         Returns
         -------
         StateAt or None
-            With `every`: columns of ``n // every`` rows, the last sample's among them if `every`
-            divides n.
+            With `every`: columns of ``n // every`` rows.
 
         Raises
         ------
@@ -155,10 +155,6 @@ class StarGyroState(_core.AttitudeStream):
             A covariance that is not positive definite; the state is as it was.
         KeyboardInterrupt
             On Ctrl-C, within a fraction of a second; the state is as it was.
-
-        Notes
-        -----
-        Other Python threads run meanwhile if the block is large (512 samples or more).
 
         Examples
         --------
@@ -187,11 +183,9 @@ class StarGyroState(_core.AttitudeStream):
             None if every is None else count(every, "every"),
             bool(covariance),
         )
-        if out is None:
-            return None
-        if not covariance:
+        if out is not None and not covariance:
             out["covariance"] = None
-        return StateAt(**out)
+        return None if out is None else StateAt(**out)
 
     def update(
         self,

@@ -74,5 +74,6 @@ def test_run_takes_little_beyond_its_log(cameras: int, kind: str) -> None:
     half, whole = (grown(n, cameras, kind) for n in (5_000_000, 10_000_000))
     print(f"{cameras} cameras, {kind}: {half:.0f} MiB, and twice the length {whole:.0f} MiB")
     assert whole < 200.0
-    # with several cameras, little more than a byte a fix
-    assert whole - half < (4.0 if cameras == 1 else 8.0)
+    # with several cameras two bytes a fix; the shorter run may find them in memory freed before
+    merged = 0.0 if cameras == 1 else 2.0 * 5_000_000 / 2**20
+    assert whole - half < 4.0 + merged

@@ -26,7 +26,7 @@ fn stars_of(made: &Made) -> StarSeries<'_> {
 
 fn replay(made: &Made, filter: &AnyFilter, output: Output, level: Level, t: f64) -> Result<Buffers, Error> {
     let gyro = GyroSeries { t: &made.t, rate: &made.rate, turn: None, timing: TIMING };
-    let stars = [AttitudeSensor::Star(stars_of(&made))];
+    let stars = [AttitudeSensor::Star(stars_of(made))];
     let sensors = AttitudeSensors::new(&stars, 1.0)?;
     let model = GyroModel::new(ARW, RRW, Integrator::Exponential)?;
     let mut start = start(made);

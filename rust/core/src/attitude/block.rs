@@ -141,6 +141,9 @@ pub(super) struct Listening<'a, 'c> {
     pub(super) poll: &'c mut dyn FnMut(usize) -> Result<()>,
 }
 
+/// A state and the matrix that is carried with it from step to step.
+pub(super) type Parts = (Attitude<f64>, Matrix<f64, 6, 6>);
+
 /// Steps of one filter over good samples, at any instruction set. Where a step fails the belief is as it was
 /// before the first; the course is so only with a single sample, whose past the caller forgets, too.
 pub(super) struct Feed<'a, 'r, 'c, F: Filter> {
@@ -149,7 +152,7 @@ pub(super) struct Feed<'a, 'r, 'c, F: Filter> {
     pub(super) timing: &'a GyroTiming,
     pub(super) belief: &'a mut F::Belief<AttitudeBias, f64, 6>,
     /// State and matrix that a belief carries.
-    pub(super) parts: fn(&F::Belief<AttitudeBias, f64, 6>) -> (Attitude<f64>, Matrix<f64, 6, 6>),
+    pub(super) parts: fn(&F::Belief<AttitudeBias, f64, 6>) -> Parts,
     pub(super) course: &'a mut Course,
     pub(super) samples: &'a Samples<'a>,
     pub(super) listening: Option<&'a mut Listening<'r, 'c>>,

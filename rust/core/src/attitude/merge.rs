@@ -1,9 +1,9 @@
-//! Several sensors in one order of time, without a table of it that grows by eight bytes a measurement.
+//! Several sensors in one order of time, in two bytes a measurement.
 
 use crate::error::{Error, Result};
 
-/// Measurements between two that are known by all sensors' rows.
-const BLOCK: usize = 32;
+/// Measurements after which all sensors' rows are known again: no sensor gets further than a byte tells.
+const BLOCK: usize = 256;
 
 /// Which measurement comes from which row of which sensor.
 #[derive(Clone, Debug)]
@@ -14,11 +14,11 @@ pub(super) enum Order {
     Several(Merged),
 }
 
-/// The sensor of each measurement, and every few of them how many each sensor has had: a row is found by
-/// counting from there.
+/// The sensor of each measurement and the last byte of its row there; the rest follows from the rows that
+/// the sensors have come to at the beginning of its block.
 #[derive(Clone, Debug)]
 pub(super) struct Merged {
-    sensor: Vec<u8>,
+    sources: Vec<[u8; 2]>,
     rows: Vec<u32>,
     count: usize,
 }
@@ -43,7 +43,7 @@ impl Order {
     pub(super) fn len(&self) -> usize {
         match self {
             Self::One(_, rows) => *rows,
-            Self::Several(merged) => merged.sensor.len(),
+            Self::Several(merged) => merged.sources.len(),
         }
     }
 
@@ -62,7 +62,7 @@ impl Merged {
         let count = times.len();
         let all: usize = times.iter().flatten().map(|t| t.len()).sum();
         let mut merged =
-            Self { sensor: Vec::with_capacity(all), rows: Vec::with_capacity(all.div_ceil(BLOCK) * count), count };
+            Self { sources: Vec::with_capacity(all), rows: Vec::with_capacity(all.div_ceil(BLOCK) * count), count };
         let mut next = vec![0_u32; count];
         let head = |s: usize, row: u32| times[s].and_then(|t| t.get(row as usize)).copied();
         let mut heads: Vec<f64> = (0..count).map(|s| head(s, 0).unwrap_or(f64::INFINITY)).collect();
@@ -78,7 +78,7 @@ impl Merged {
                     first = s;
                 }
             }
-            merged.sensor.push(first as u8);
+            merged.sources.push([first as u8, next[first] as u8]);
             next[first] += 1;
             heads[first] = head(first, next[first]).unwrap_or(f64::INFINITY);
         }
@@ -87,9 +87,8 @@ impl Merged {
 
     #[inline(always)]
     fn source(&self, i: usize) -> (usize, usize) {
-        let (sensor, block) = (self.sensor[i], i / BLOCK);
-        let before = self.sensor[block * BLOCK..i].iter().filter(|s| **s == sensor).count();
-        let sensor = usize::from(sensor);
-        (sensor, self.rows[block * self.count + sensor] as usize + before)
+        let [sensor, low] = self.sources[i];
+        let begin = self.rows[i / BLOCK * self.count + usize::from(sensor)];
+        (usize::from(sensor), (begin + u32::from(low.wrapping_sub(begin as u8))) as usize)
     }
 }

@@ -1,6 +1,6 @@
 //! The same filters, one sample at a time.
 
-use super::block::{Course, Feed, Listening, Samples, Times, check_one, in_order};
+use super::block::{Course, Feed, Listening, Parts, Samples, Times, check_one, in_order};
 use super::columns::Columns;
 use super::gyro::{GyroModel, GyroTiming};
 use super::history::{Back, History, PastStep, SmoothedState};
@@ -43,7 +43,7 @@ impl Running {
         })
     }
     /// State and matrix as they are carried from step to step.
-    fn parts(&self) -> (Attitude<f64>, Matrix<f64, 6, 6>) {
+    fn parts(&self) -> Parts {
         match self {
             Self::Ekf(_, b) | Self::Ukf(_, b) => of_gaussian(b),
             Self::SrUkf(_, b) => of_square_root(b),
@@ -51,11 +51,11 @@ impl Running {
     }
 }
 
-fn of_gaussian(b: &Gaussian<AttitudeBias, f64, 6>) -> (Attitude<f64>, Matrix<f64, 6, 6>) {
+fn of_gaussian(b: &Gaussian<AttitudeBias, f64, 6>) -> Parts {
     (b.mean, b.cov)
 }
 
-fn of_square_root(b: &SqrtGaussian<AttitudeBias, f64, 6>) -> (Attitude<f64>, Matrix<f64, 6, 6>) {
+fn of_square_root(b: &SqrtGaussian<AttitudeBias, f64, 6>) -> Parts {
     (b.mean, b.factor)
 }
 
