@@ -61,7 +61,11 @@ pub(super) fn predict<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize>(
     let mut ok = true;
     for group in members.chunks_mut(T::WIDTH) {
         let mut pack = Gaussian::<D::Space, T::Pack, N> {
-            mean: stacked::<D::Space, T>(group.len(), |k| &group[k].mean),
+            mean: stacked::<D::Space, T>(
+                group.len(),
+                #[inline(always)]
+                |k| group[k].mean,
+            ),
             cov: gathered(group.len(), |k| &group[k].cov),
         };
         ok &= ukf.predict(&mut pack, dynamics, &input, t.stack(), dt.stack()).all();

@@ -2,7 +2,7 @@
 
 use super::bank::{members, mixture, predict};
 use super::weights::Weights;
-use super::{Cloud, Settings, Weighing, gathered, slot, stacked};
+use super::{Cloud, Settings, Weighing, gathered, slot, stacked, white};
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
 use crate::linalg::{Matrix, apply, cholesky, dot, forward_solve, from_fn};
@@ -94,10 +94,24 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
         let count = pasts.len();
         let (root, one) = cholesky(&gathered(count, |k| &pasts[k].drawn.cov));
         let (narrow, two) = cholesky(&gathered(count, |k| &pasts[k].came.cov));
-        let white: [T::Pack; N] = std::array::from_fn(|_| T::gather(|_| T::splat(stream.normal())));
-        let centre = stacked::<S, T>(count, |k| &pasts[k].drawn.mean);
+        let white = white::<T, N>(stream);
+        let centre = stacked::<S, T>(
+            count,
+            #[inline(always)]
+            |k| pasts[k].drawn.mean,
+        );
         let states = S::normalise(&S::retract(&centre, &apply(&root, &white)));
-        let y = forward_solve(&narrow, &S::local(&stacked::<S, T>(count, |k| &pasts[k].came.mean), &states));
+        let y = forward_solve(
+            &narrow,
+            &S::local(
+                &stacked::<S, T>(
+                    count,
+                    #[inline(always)]
+                    |k| pasts[k].came.mean,
+                ),
+                &states,
+            ),
+        );
         let mut widths = T::Pack::one();
         for i in 0..N {
             widths = widths * (root[(i, i)] / narrow[(i, i)]);
@@ -167,10 +181,18 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
         let (time, step) = (t.stack(), dt.stack());
         for (beliefs, pasts) in self.beliefs.chunks(T::WIDTH).zip(self.pasts.chunks_mut(T::WIDTH)) {
             let (mean, cov) = if self.fresh {
-                let x = stacked::<S, T>(beliefs.len(), |k| &beliefs[k].mean);
+                let x = stacked::<S, T>(
+                    beliefs.len(),
+                    #[inline(always)]
+                    |k| beliefs[k].mean,
+                );
                 (dynamics.step(&x, &input, time, step), dynamics.noise(&x, &input, time, step))
             } else {
-                let x = stacked::<S, T>(pasts.len(), |k| &pasts[k].came.mean);
+                let x = stacked::<S, T>(
+                    pasts.len(),
+                    #[inline(always)]
+                    |k| pasts[k].came.mean,
+                );
                 let p = gathered(pasts.len(), |k| &pasts[k].came.cov);
                 dynamics.propagate(&x, &p, &input, time, step)
             };

@@ -62,10 +62,16 @@ impl Weights {
         effective_sample_size(&self.values)
     }
 
+    /// Resampling waits until fewer than this number are effective.
+    #[inline(always)]
+    pub(super) fn fewest(&self, settings: &Settings) -> f64 {
+        settings.threshold * self.values.len() as f64
+    }
+
     /// Chooses who lives on if too few are effective, and makes the weights equal.
     #[inline(always)]
     pub(super) fn refresh(&mut self, settings: &Settings, effective: f64, stream: &mut Stream) -> Result<bool> {
-        if effective >= settings.threshold * self.values.len() as f64 {
+        if effective >= self.fewest(settings) {
             return Ok(false);
         }
         resample(settings.resampling, &self.values, || stream.uniform(), &mut self.chosen)?;

@@ -8,6 +8,7 @@ use super::noise::AngleNoise;
 use super::normal::{Expected, Fitted, Sums, inverse};
 use super::sights::{Robust, Sight, SightPack};
 use crate::error::{Error, Result};
+use crate::manifold::components;
 use crate::quaternion::{dot3, tangents};
 use crate::scalar::{Mask, Real};
 
@@ -220,8 +221,9 @@ impl Epochs {
             }
             return sum;
         }
-        let Some(fitted) = self.direction(epoch, noise, &nadir.map(|c| c.lane(0))) else { return T::zero() };
-        let axes = fitted.given.axes.map(|axis| axis.map(T::splat));
+        let Some(fitted) = self.direction(epoch, noise, &components(|i| nadir[i].lane(0))) else { return T::zero() };
+        let axis = |k: usize| components(|i| T::splat(fitted.given.axes[k][i]));
+        let axes = [axis(0), axis(1)];
         let off = |i: usize| T::splat(fitted.value[i]) - dot3(&axes[i], nadir);
         let (a, b) = (off(0), off(1));
         let [aa, ab, bb] = fitted.given.noise;
@@ -245,7 +247,7 @@ impl Epochs {
     fn left<T: Real>(&self, row: usize, nadir: &[T; 3]) -> T {
         let sight = &self.sights[row];
         let one = SightPack::<T> {
-            star: sight.star.map(T::splat),
+            star: components(|i| T::splat(sight.star[i])),
             cos: T::splat(sight.cos),
             sin: T::splat(sight.sin),
             filled: T::one(),

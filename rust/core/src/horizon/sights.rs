@@ -54,7 +54,8 @@ impl<P: Real> SightPack<P> {
             Robust::No => return one,
             Robust::Gate(limit) | Robust::Huber(limit) => limit,
         };
-        let down = expected.nadir.map(T::stack);
+        let down = expected.nadir;
+        let down = [down[0].stack(), down[1].stack(), down[2].stack()];
         let (left, sine) = self.left(&down);
         let along = dot3(&self.star, &down);
         let inverse = P::select(sine.gt(P::splat(1e-9)), sine, one).recip();

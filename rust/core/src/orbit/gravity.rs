@@ -3,7 +3,7 @@
 use super::field::Field;
 use super::vector::{dot3, point_mass_gradient};
 use crate::error::{Error, Result};
-use crate::linalg::{Matrix, add, from_fn};
+use crate::linalg::{Matrix, symmetric};
 use crate::scalar::Real;
 use std::sync::Arc;
 
@@ -78,28 +78,25 @@ impl J2 {
         let central = i2 * i2.sqrt() * self.mu;
         let a = central * i2 * (1.5 * self.j2 * self.radius * self.radius);
         let s = r[2] * r[2] * i2;
-        let s5 = s * 5.0 - T::one();
-        let oblate = from_fn(
+        // multiples of r rᵀ, of the rows and columns of z in it, of the identity and of ẑ ẑᵀ
+        let outer = i2 * central.mul_add(T::splat(3.0), a * (T::splat(5.0) - s * 35.0));
+        let polar = i2 * a * 10.0;
+        let diagonal = a.mul_add(s * 5.0 - T::one(), -central);
+        symmetric(
             #[inline(always)]
             |i, j| {
-                // r rᵀ, the rows and columns of z, and the diagonal, of the derivative of a ((5s − 1) r − 2 z ẑ)
-                let mut g = r[i] * r[j] * i2 * (T::splat(5.0) - s * 35.0);
-                if i == 2 {
-                    g += r[2] * r[j] * i2 * 10.0;
+                let part = match (i, j) {
+                    (2, 2) => outer + polar + polar,
+                    (2, _) => outer + polar,
+                    _ => outer,
+                };
+                match (i, j) {
+                    (2, 2) => (r[2] * r[2]).mul_add(part, a.mul_add(T::splat(-2.0), diagonal)),
+                    _ if i == j => (r[i] * r[i]).mul_add(part, diagonal),
+                    _ => r[i] * r[j] * part,
                 }
-                if j == 2 {
-                    g += r[2] * r[i] * i2 * 10.0;
-                }
-                if i == j {
-                    g += s5;
-                }
-                if i == 2 && j == 2 {
-                    g += T::splat(-2.0);
-                }
-                a * g
             },
-        );
-        add(&point_mass_gradient(r, central, i2 * 3.0), &oblate)
+        )
     }
 }
 
