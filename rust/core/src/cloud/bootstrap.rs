@@ -199,7 +199,7 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Bo
             }
         }
         self.weigh(sensors);
-        let Some(log_likelihood) = self.weights.normalise() else {
+        let Some(log_likelihood) = self.weights.normalise::<T>() else {
             self.weights.restore(self.settings.recover, epoch.start, sensors.time(epoch.start))?;
             return Ok(Weighing::unused(self.weights.effective(), true));
         };

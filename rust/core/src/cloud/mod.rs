@@ -24,7 +24,7 @@ pub use proposal::Proposal;
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
 use crate::filter::Ukf;
-use crate::linalg::{Matrix, Vector, from_fn};
+use crate::linalg::{Matrix, Vector, symmetric};
 use crate::manifold::{Family, components};
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
@@ -160,16 +160,29 @@ fn white<T: Real, const N: usize>(stream: &mut Stream) -> Vector<T::Pack, N> {
     components(|_| T::gather(|_| T::splat(stream.normal())))
 }
 
-/// Matrices side by side, likewise.
+/// Symmetric matrices side by side, likewise; `of` gives an entry of one of them.
 #[inline(always)]
-fn gathered<'a, T: Real, const N: usize>(
-    count: usize,
-    of: impl Fn(usize) -> &'a Matrix<T, N, N>,
-) -> Matrix<T::Pack, N, N> {
-    from_fn(|i, j| {
+fn gathered<T: Real, const N: usize>(count: usize, of: impl Fn(usize, usize, usize) -> T) -> Matrix<T::Pack, N, N> {
+    symmetric(|i, j| {
         T::gather(
             #[inline(always)]
-            |k| of(k.min(count - 1))[(i, j)],
+            |k| of(k.min(count - 1), i, j),
         )
     })
+}
+
+/// Beliefs side by side, likewise.
+#[inline(always)]
+fn side_by_side<S: Family, T: Real, const N: usize>(group: &[Gaussian<S, T, N>]) -> Gaussian<S, T::Pack, N> {
+    let mean = stacked::<S, T>(
+        group.len(),
+        #[inline(always)]
+        |k| group[k].mean,
+    );
+    let cov = gathered::<T, N>(
+        group.len(),
+        #[inline(always)]
+        |k, i, j| group[k].cov[(i, j)],
+    );
+    Gaussian { mean, cov }
 }

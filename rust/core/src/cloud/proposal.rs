@@ -147,7 +147,7 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Proposal<S, T, N> {
                 self.weights.logs[p * T::WIDTH + k] += T::extract(point.target, k).lane(0);
             }
         }
-        let Some(log) = self.weights.normalise() else {
+        let Some(log) = self.weights.normalise::<T>() else {
             let first = self.used[0];
             // each draw begins with equal weights
             self.weights.values.fill(1.0);

@@ -136,12 +136,12 @@ impl Epochs {
                 return Some(sums.fitted(noise));
             }
             left -= 1;
-            let mut moved = nadir;
+            // of unit length again: the axes are at right angles to the direction and to each other
+            let scale = (square + T::one()).sqrt().recip();
             for i in 0..3 {
-                moved[i] = step[1].mul_add(sums.axes[1][i], step[0].mul_add(sums.axes[0][i], nadir[i]));
+                let moved = step[1].mul_add(sums.axes[1][i], step[0].mul_add(sums.axes[0][i], nadir[i]));
+                nadir[i] = moved * scale;
             }
-            let length = dot3(&moved, &moved).sqrt().recip();
-            nadir = [moved[0] * length, moved[1] * length, moved[2] * length];
         }
     }
 
@@ -164,8 +164,7 @@ impl Epochs {
         let mut first = rows.start;
         while first < rows.end {
             let pack = self.pack::<T>(first, rows.end);
-            let (left, sine) = pack.left(&down);
-            let inverse = sine.recip();
+            let (left, sine, inverse) = pack.left(&down);
             let e = [-dot3(&pack.star, &across[0]) * inverse, -dot3(&pack.star, &across[1]) * inverse];
             // a star at the nadir or the zenith has no derivative, and says nothing to first order
             let seen = sine.gt(T::Pack::splat(1e-9));

@@ -62,8 +62,8 @@ impl J2 {
     /// Acceleration, m/s² (Ning and Ma 2010, eq. 1, with `(Re/r)²` where the print has `Re/r`).
     #[inline(always)]
     pub fn acceleration<T: Real>(&self, r: &[T; 3]) -> [T; 3] {
-        let i2 = dot3(r, r).recip();
-        let central = i2 * i2.sqrt() * -self.mu;
+        let (i2, i3) = inverse_powers(r);
+        let central = i3 * -self.mu;
         let k = i2 * (1.5 * self.j2 * self.radius * self.radius);
         let s5 = r[2] * r[2] * i2 * 5.0;
         let across = central * k.mul_add(T::one() - s5, T::one());
@@ -74,8 +74,8 @@ impl J2 {
     /// Derivative of the acceleration to the position, s⁻².
     #[inline(always)]
     pub fn gradient<T: Real>(&self, r: &[T; 3]) -> Matrix<T, 3, 3> {
-        let i2 = dot3(r, r).recip();
-        let central = i2 * i2.sqrt() * self.mu;
+        let (i2, i3) = inverse_powers(r);
+        let central = i3 * self.mu;
         let a = central * i2 * (1.5 * self.j2 * self.radius * self.radius);
         let s = r[2] * r[2] * i2;
         // multiples of r rᵀ, of the rows and columns of z in it, of the identity and of ẑ ẑᵀ
@@ -100,17 +100,24 @@ impl J2 {
     }
 }
 
+/// `|r|⁻²` and `|r|⁻³`; the root does not wait for the division.
+#[inline(always)]
+fn inverse_powers<T: Real>(r: &[T; 3]) -> (T, T) {
+    let square = dot3(r, r);
+    let i2 = square.recip();
+    (i2, i2 * i2 * square.sqrt())
+}
+
 /// Acceleration of a point mass, m/s².
 #[inline(always)]
 pub(super) fn two_body<T: Real>(mu: f64, r: &[T; 3]) -> [T; 3] {
-    let i2 = dot3(r, r).recip();
-    let c = i2 * i2.sqrt() * -mu;
+    let c = inverse_powers(r).1 * -mu;
     [c * r[0], c * r[1], c * r[2]]
 }
 
 /// Its gradient, s⁻².
 #[inline(always)]
 pub(super) fn two_body_gradient<T: Real>(mu: f64, r: &[T; 3]) -> Matrix<T, 3, 3> {
-    let i2 = dot3(r, r).recip();
-    point_mass_gradient(r, i2 * i2.sqrt() * mu, i2 * 3.0)
+    let (i2, i3) = inverse_powers(r);
+    point_mass_gradient(r, i3 * mu, i2 * 3.0)
 }
