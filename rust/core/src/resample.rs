@@ -83,7 +83,8 @@ struct Shares<'a> {
     lift: f64,
     /// Indices for a lifted weight of one.
     scale: f64,
-    /// The last particle that has weight: rounding must not run past it.
+    /// The first and the last particle that has weight: rounding must not run past them.
+    first: usize,
     last: usize,
 }
 
@@ -110,8 +111,9 @@ impl<'a> Shares<'a> {
             return Err(Error::Parameter { field: "weights", value: sum, need });
         }
         let lift = if sum < 1e-200 { 2f64.powi(600) } else { 1.0 };
+        let first = weights.iter().position(|w| *w > 0.0).unwrap_or(0);
         let last = weights.iter().rposition(|w| *w > 0.0).unwrap_or(0);
-        Ok(Self { weights, lift, scale: count as f64 / (sum * lift), last })
+        Ok(Self { weights, lift, scale: count as f64 / (sum * lift), first, last })
     }
 
     /// Copies each particle until `end(reached, share)` indices are written in all: `share` is its weight, `reached` the sum of
@@ -170,7 +172,7 @@ impl<'a> Shares<'a> {
             }
             each_eight(&mut points, exp);
             for point in &points[..count] {
-                while point * all < below && k > 0 {
+                while point * all < below && k > self.first {
                     k -= 1;
                     below -= share(k);
                 }

@@ -105,15 +105,14 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Bootstrap<S, T, N> {
         // on a flat space one step is enough; on rotations the error shrinks with the cube of the spread
         let mut left = 5;
         loop {
-            let (step, about) = self.about(&mean);
-            let within = symmetric(|i, j| about[(i, j)] - step[i] * step[j]);
-            let small = (0..N).all(|i| (within[(i, i)] * 1e-12 + T::splat(1e-300)).gt(step[i] * step[i]));
+            let (step, cov) = self.about(&mean);
+            let new = S::normalise(&S::retract(&mean, &step));
+            let small = (0..N).all(|i| (cov[(i, i)] * 1e-12 + T::splat(1e-300)).gt(step[i] * step[i]));
             left -= 1;
             if small || left == 0 {
-                let cov = S::transport(&mean, &step, &within);
-                return Gaussian { mean: S::normalise(&S::retract(&mean, &step)), cov };
+                return Gaussian { mean: new, cov: S::transport(&mean, &step, &cov) };
             }
-            mean = S::normalise(&S::retract(&mean, &step));
+            mean = new;
         }
     }
 
