@@ -217,14 +217,10 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
             return;
         }
         for (to, chosen) in self.spare_pasts.iter_mut().zip(chosen.chunks(T::WIDTH)) {
-            let (count, from) = (chosen.len(), |k: usize| (&self.pasts[chosen[k] / T::WIDTH], chosen[k] % T::WIDTH));
-            let gaussian = |of: fn(&Past<S, T, N>) -> &Gaussian<S, T::Pack, N>| Gaussian {
-                mean: stacked::<S, T>(count, |k| slot::<S, T>(&of(from(k).0).mean, from(k).1)),
-                cov: gathered::<T, N>(count, |k, i, j| T::extract(of(from(k).0).cov[(i, j)], from(k).1)),
-            };
-            to.came = gaussian(|past| &past.came);
-            to.drawn = gaussian(|past| &past.drawn);
-            to.logs = T::gather(|k| T::extract(from(k.min(count - 1)).0.logs, from(k.min(count - 1)).1));
+            to.came = picked::<S, T, N>(chosen, |p| &self.pasts[p].came);
+            to.drawn = picked::<S, T, N>(chosen, |p| &self.pasts[p].drawn);
+            let log = |i: usize| T::extract(self.pasts[i / T::WIDTH].logs, i % T::WIDTH);
+            to.logs = T::gather(|k| log(chosen[k.min(chosen.len() - 1)]));
         }
         std::mem::swap(&mut self.pasts, &mut self.spare_pasts);
     }
@@ -275,6 +271,24 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Li
     fn moments(&self) -> Gaussian<D::Space, T, N> {
         mixture(&self.weights.values, |k| &self.beliefs[k], false)
     }
+}
+
+/// Densities of chosen particles out of packs of them, `of(p)` the p-th one.
+#[inline(always)]
+fn picked<'a, S: Manifold<N>, T: Real, const N: usize>(
+    chosen: &[usize],
+    of: impl Fn(usize) -> &'a Gaussian<S, T::Pack, N>,
+) -> Gaussian<S, T::Pack, N> {
+    let at = |k: usize| (of(chosen[k] / T::WIDTH), chosen[k] % T::WIDTH);
+    let mean = |k: usize| {
+        let (pack, k) = at(k);
+        slot::<S, T>(&pack.mean, k)
+    };
+    let entry = |k: usize, i: usize, j: usize| {
+        let (pack, k) = at(k);
+        T::extract(pack.cov[(i, j)], k)
+    };
+    Gaussian { mean: stacked::<S, T>(chosen.len(), mean), cov: gathered::<T, N>(chosen.len(), entry) }
 }
 
 fn failed(what: &'static str, step: usize, t: f64) -> Error {

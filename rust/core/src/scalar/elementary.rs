@@ -68,5 +68,6 @@ pub fn ln<T: Real>(x: T) -> T {
     let half = f * f * 0.5;
     let rest = s * (square.mul_add(square.poly(LN), half));
     let y = k.mul_add(T::splat(LN2[0]), f - (half - k.mul_add(T::splat(LN2[1]), rest)));
-    T::select(x.gt(T::splat(f64::MAX)), x, y + (x - x))
+    // adds nothing, or what is not a number
+    T::select(x.gt(T::splat(f64::MAX)), x, x.mul_add(T::zero(), y))
 }
