@@ -21,8 +21,8 @@ LANES = 8
 class AttitudeInput:
     """A gyro log with a star fix at every second sample.
 
-    The filter starts at the first sample from `q0` with no bias; sample k holds from ``t[k]`` to
-    ``t[k + 1]``; fix j is at ``t[2 j + 2]``.
+    The filter starts at the first sample from the fix `q0` and no bias; sample k holds from
+    ``t[k]`` to ``t[k + 1]``; fix j after the first is at ``t[2 j + 2]``.
     """
 
     t: FloatArray
@@ -34,7 +34,7 @@ class AttitudeInput:
     arw: float = 2.5e-5
     rrw: float = 3e-7
     sigma: float = 1.45e-4
-    sigma0: tuple[float, float] = (1e-3, 3e-4)
+    sigma0: tuple[float, float] = (1.45e-4, 1e-3)
 
     @property
     def steps(self) -> int:
@@ -44,7 +44,9 @@ class AttitudeInput:
     @property
     def log(self) -> SensorLog:
         """The same as celestcore takes it."""
-        return SensorLog(gyro=(self.t, self.gyro), star=(self.fix_t, self.fix_q))
+        times, fixes = [self.t[:1], self.fix_t], [self.q0[None], self.fix_q]
+        star = (np.concatenate(times), np.concatenate(fixes))
+        return SensorLog(gyro=(self.t, self.gyro), star=star)
 
     @property
     def noise(self) -> FloatArray:
