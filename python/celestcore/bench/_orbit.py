@@ -178,7 +178,7 @@ def works() -> list[Work]:
             kernel="rk4_j2",
             peers={
                 "numba": Entry(f"{PEERS}.numba_orbit:integrate", 12_000),
-                "scipy": Entry(f"{PEERS}.scipy_orbit:integrate", 2000),
+                "numpy": Entry(f"{PEERS}.numpy_orbit:integrate", 2000),
                 "brahe": Entry(f"{PEERS}.brahe_orbit:integrate", 2000),
             },
         ),
