@@ -30,7 +30,8 @@ def spell(ns: float) -> str:
 
 def _digits(value: float) -> str:
     """Return three digits, and no exponent."""
-    return f"{value:.{max(0, 2 - int(math.floor(math.log10(value))))}f}" if value > 0 else "0"
+    value = float(f"{value:.3g}")
+    return f"{value:.{max(0, 2 - math.floor(math.log10(value)))}f}" if value > 0.0 else "0"
 
 
 def times(ratio: float) -> str:
