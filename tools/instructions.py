@@ -98,7 +98,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Count, print a table, write JSON."""
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0],
-        epilog="Example: python tools/instructions.py --only ekf,ukf --json build/instructions.json",
+        epilog="Example: python tools/instructions.py --only ekf,ukf --json counts.json",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the counts")
     parser.add_argument("--only", metavar="KERNEL,...", help="some kernels; all")

@@ -248,6 +248,7 @@ def _bench_acceleration(
     state: _Array,
     repeats: int,
 ) -> tuple[float, _Array]: ...
+
 @disjoint_base
 class OrbitStream:
     def __new__(

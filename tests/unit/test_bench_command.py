@@ -95,9 +95,7 @@ def test_json_to_standard_output_is_nothing_else(capsys: pytest.CaptureFixture[s
         (["--instructions", "not_there.json"], "--instructions"),
     ],
 )
-def test_wrong_options(
-    options: list[str], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_options(options: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["bench", "--quick", *options]) == 2
     told = capsys.readouterr().err
     assert words in told

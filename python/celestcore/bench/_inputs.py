@@ -66,7 +66,7 @@ def attitude(steps: int, seed: int = SEED) -> AttitudeInput:
     """Return a log of so many steps of 10 ms, turning by some hundredths of a radian a second."""
     random = np.random.default_rng(seed)
     dt, n = AttitudeInput.dt, steps + 1
-    t = dt * np.arange(n)
+    t = np.asarray(dt * np.arange(n), dtype=np.float64)
     rate = np.stack(
         [0.02 * np.sin(0.1 * t), 0.02 * np.cos(0.13 * t), 0.01 * np.sin(0.07 * t) + 0.01], axis=1
     )
@@ -116,7 +116,7 @@ class OrbitInput:
 
     @property
     def constants(self) -> tuple[float, float, float]:
-        """mu [m^3/s^2], radius [m] and J2 of the force."""
+        """Mu [m^3/s^2], radius [m] and J2 of the force."""
         told = orbit.ForceModel.j2()._described()
         return told["mu"], told["radius"], told["j2"]
 
@@ -140,7 +140,7 @@ STARS = np.array([[0.3, 0.5, 0.81], [-0.7, 0.2, 0.4], [0.1, -0.8, 0.55]])
 
 @lru_cache(maxsize=4)
 def sky(steps: int, accel_psd: float = 1e-7, sigma0: float = 1e3) -> OrbitInput:
-    """Return so many epochs; `sigma0` is that of the start's position [m], and in mm/s its speed's."""
+    """Return so many epochs; `sigma0` is the start's, of its position in m and velocity in mm/s."""
     random = np.random.default_rng(SEED + 1)
     t = OrbitInput.period * np.arange(steps + 1)
     path = orbit.propagate(orbit.ForceModel.j2(), None, START[:3], START[3:], t, method="rk4")
@@ -148,7 +148,7 @@ def sky(steps: int, accel_psd: float = 1e-7, sigma0: float = 1e3) -> OrbitInput:
     down = -path.r[1:] / np.linalg.norm(path.r[1:], axis=1, keepdims=True)
     angle = np.arccos(down @ star.T) + OrbitInput.sigma * random.standard_normal((steps, 3))
     off = 0.5 * sigma0 * np.array([1.0, -1.0, 1.0])
-    start = (1e0 * sigma0, 1e-3 * sigma0)
+    start = (sigma0, 1e-3 * sigma0)
     return OrbitInput(angle, star, path.state[1:], START[:3] + off, START[3:], accel_psd, start)
 
 

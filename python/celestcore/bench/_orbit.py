@@ -69,7 +69,7 @@ def _bootstrap(given: Cloud) -> Timed:
 
 
 def _steps(count: int) -> FloatArray:
-    return STEP * np.arange(count + 1)
+    return np.asarray(STEP * np.arange(count + 1), dtype=np.float64)
 
 
 def _integrate(t: FloatArray) -> Timed:
@@ -93,7 +93,7 @@ class GravityInput:
 
 @lru_cache(maxsize=2)
 def _gravity_input(count: int) -> GravityInput:
-    t = STEP * np.arange(count)
+    t = _steps(count - 1)
     force, start = orbit.ForceModel(gravity=DEGREE), _inputs.START
     path = orbit.propagate(orbit.ForceModel.j2(), None, start[:3], start[3:], t, method="rk4")
     tables: dict[str, Any] = frames.environment(EPOCH, (0.0, float(t[-1])))

@@ -1,4 +1,4 @@
-"""What a work came to, and whether a peer came to the same: a benchmark of wrong work is refused."""
+"""What a work came to, and whether a peer came to the same: wrong work is refused."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SIGMAS = 0.05
 
 
 def attitude(arcsec: float) -> Agree:
-    """Return a check of attitudes ``q``, and of the standard deviations ``sigma`` if there are any."""
+    """Return a check of attitudes ``q``, and of standard deviations ``sigma`` if there are any."""
 
     def agree(_: Any, ours: Outcome, theirs: Outcome) -> str | None:
         apart = quaternion.angle_between(ours["q"], theirs["q"])
@@ -93,4 +93,6 @@ def _sigmas(ours: Outcome, theirs: Outcome) -> str | None:
     worst = float(np.max(np.abs(np.divide(theirs["sigma"], ours["sigma"]) - 1.0)))
     if worst <= SIGMAS:
         return None
-    return f"its sigmas are off by {100 * worst:.3g} % of celestcore's, {100 * SIGMAS:g} are allowed"
+    return (
+        f"its sigmas are off by {100 * worst:.3g} % of celestcore's, {100 * SIGMAS:g} are allowed"
+    )

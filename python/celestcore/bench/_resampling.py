@@ -35,9 +35,7 @@ def _work(way: str) -> Work:
         task=f"d_{way}",
         target=Target(1.3) if way == "systematic" else None,
         kernel=way,
-        peers={
-            peer: Entry(f"{PEERS}.{module}:{way}", COUNT) for peer, module in names.items()
-        },
+        peers={peer: Entry(f"{PEERS}.{module}:{way}", COUNT) for peer, module in names.items()},
     )
 
 

@@ -83,8 +83,7 @@ class Yardstick:
         task, peer, ns = told.get("task"), told.get("peer", ""), told.get("ns")
         if not isinstance(task, str) or not isinstance(peer, str):
             raise self._error(f"line {number} of its output names no task: {_short(line)}")
-        number_like = isinstance(ns, int | float) and not isinstance(ns, bool)
-        if not number_like or not (math.isfinite(ns) and ns > 0.0):
+        if not isinstance(ns, int | float) or isinstance(ns, bool) or not 0.0 < ns < math.inf:
             raise self._error(f"line {number} of its output has no positive ns: {_short(line)}")
         return task, peer, float(ns)
 

@@ -107,15 +107,12 @@ def _filter(
     compiled = jax.jit(jax.vmap(run))
     pairs = one.steps // 2
     gyro = np.stack([g.gyro[: 2 * pairs].reshape(pairs, 2, 3) for g in given])
-    columns = [
-        jnp.asarray(np.stack(column))
-        for column in (
-            [g.q0 for g in given],
-            [g.covariance0 for g in given],
-            gyro,
-            [g.fix_q[:pairs] for g in given],
-        )
-    ]
+    columns = (
+        jnp.asarray(np.stack([g.q0 for g in given])),
+        jnp.asarray(np.stack([g.covariance0 for g in given])),
+        jnp.asarray(gyro),
+        jnp.asarray(np.stack([g.fix_q[:pairs] for g in given])),
+    )
 
     def call() -> Outcome:
         q, _, p = (np.asarray(part) for part in compiled(*columns))

@@ -126,7 +126,7 @@ def _bootstrap(
             x = after[p]
             _rk4(xs[p], force[0], force[1], force[2], h, x, work)
             for i in range(6):
-                white[i] = np.random.standard_normal()
+                white[i] = np.random.standard_normal()  # noqa: NPY002
                 for j in range(i + 1):
                     x[i] += root[i, j] * white[j]
             _angles(x, star, z)
@@ -140,7 +140,7 @@ def _bootstrap(
             total += w[p]
         for p in range(n):
             w[p] /= total
-        draw_systematic(w, np.random.random(), chosen)
+        draw_systematic(w, np.random.random(), chosen)  # noqa: NPY002
         for p in range(n):
             for i in range(6):
                 xs[p, i] = after[chosen[p], i]

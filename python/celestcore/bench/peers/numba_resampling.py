@@ -33,7 +33,7 @@ def _sorted_draws(w: Array, total: float, out: Array) -> None:
     points = np.empty(n + 1)
     s = 0.0
     for i in range(n + 1):
-        s -= math.log(1.0 - np.random.random())
+        s -= math.log(1.0 - np.random.random())  # noqa: NPY002
         points[i] = s
     k, reached = 0, w[0]
     for i in range(n):

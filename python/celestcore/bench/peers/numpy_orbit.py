@@ -22,9 +22,7 @@ def rate(x: FloatArray, constants: Constants) -> FloatArray:
     g, k = -mu * inverse * np.sqrt(inverse), 1.5 * j2 * re * re * inverse
     z = 5.0 * r[..., 2:] ** 2 * inverse
     side = g * (1.0 + k * (1.0 - z))
-    return np.concatenate(
-        [v, side * r[..., :2], g * (1.0 + k * (3.0 - z)) * r[..., 2:]], axis=-1
-    )
+    return np.concatenate([v, side * r[..., :2], g * (1.0 + k * (3.0 - z)) * r[..., 2:]], axis=-1)
 
 
 def rk4(x: FloatArray, constants: Constants, h: float) -> FloatArray:

@@ -17,7 +17,7 @@ def propagation(given: AttitudeInput) -> Callable[[], Outcome]:
     def call() -> Outcome:
         turns = quaternion.from_rotation_vector(given.dt * given.gyro[:-1])
         q = quaternion.quaternion(1.0, 0.0, 0.0, 0.0)
-        history = np.empty(len(given.gyro), dtype=np.quaternion)
+        history = np.empty(len(given.gyro), dtype=quaternion.quaternion)
         history[0] = q
         for k, turn in enumerate(turns, 1):
             q = q * turn
