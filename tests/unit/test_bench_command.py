@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import shlex
 import stat
@@ -238,6 +239,29 @@ def test_counting_says_what_is_missing(root: Path, tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "valgrind is missing" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_section_goes_on_top_of_the_page_once(root: Path) -> None:
+    spec = importlib.util.spec_from_file_location("record", root / "tools/record_bench.py")
+    assert spec is not None
+    assert spec.loader is not None
+    record = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(record)
+    page = record.PAGE.read_text(encoding="utf-8")
+    first = record.recorded(page, "## 1999-01-01, a machine\n\n| a |\n")
+    second = record.recorded(first, "## 1999-01-02, a machine\n\n| b |\n")
+    again = record.recorded(second, "## 1999-01-01, a machine\n\n| c |\n")
+    assert again.index("| c |") < again.index("| b |")
+    assert "| a |" not in again
+    assert [again.count(f"| {letter} |") for letter in "bc"] == [1, 1]
+    assert again.endswith(page[-2000:])
+    with pytest.raises(SystemExit):
+        record.recorded(page, "no section")
+
+
+def test_help_shows_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["bench", "--help"]) == 0
+    assert "Example: celestcore bench --against filterpy,numba" in capsys.readouterr().out
 
 
 def test_words_for_times() -> None:

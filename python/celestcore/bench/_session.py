@@ -15,10 +15,10 @@ from celestcore.bench._work import Entry, Timed, Work
 from celestcore.bench._yardstick import Yardstick
 
 Progress: TypeAlias = Callable[[int, int], object]
-LONG, SHORT = 0.3, 0.0
-"""Time that each round gives a candidate [s], and with ``--quick``: one run then."""
-MOST = 2000
-"""Most runs of a candidate in a round."""
+LONG = 0.3
+"""Time that each round gives a candidate [s]; with ``--quick`` it is one run."""
+FEWEST, MOST = 3, 2000
+"""Runs of a candidate in a round, however long or short they are."""
 
 
 @dataclass
@@ -137,11 +137,12 @@ class Session:
             self._often(once)
 
     def _often(self, work: Callable[[], Any], *, once: bool = False) -> None:
-        """Call for the round's time, at least once."""
-        end = time.perf_counter() + (SHORT if self.quick or once else LONG)
-        for _ in range(MOST):
+        """Call for the round's time, or a single time."""
+        single = self.quick or once
+        end = time.perf_counter() + LONG
+        for done in range(1, MOST + 1):
             work()
-            if time.perf_counter() >= end:
+            if single or (done >= FEWEST and time.perf_counter() >= end):
                 return
 
 
