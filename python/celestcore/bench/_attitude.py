@@ -83,7 +83,7 @@ def works() -> list[Work]:
     one: dict[str, Any] = {
         "item": "sample", "size": STEPS, "quick": QUICK, "make": _inputs.attitude
     }  # fmt: skip
-    many = {**one, "item": "filter and step", "make": _inputs.batch, "count": LANES}
+    many = {**one, "item": "filter step", "make": _inputs.batch, "count": LANES}
     many["missing"] = _no_batch
     near = _outcome.attitude(0.5)
     return [

@@ -50,14 +50,10 @@ def target(report: Report, row: Row) -> str:
     aim = row.work.target
     if aim is None:
         return NOTHING
-    of = {"limit": "", "ns": ""}.get(aim.of, f" × {aim.of}")
+    of = "" if aim.of == "limit" else f" × {aim.of}"
     words = spell(aim.most) if aim.of == "ns" else f"{aim.most:g}{of}"
     reached = report.reached(row)
-    if reached is None:
-        return words
-    value, met = reached
-    found = f" ({times(value)})" if of else ""
-    return f"{words}{found}, {'met' if met else 'missed'}"
+    return words if reached is None else f"{words}, {'met' if reached[1] else 'missed'}"
 
 
 def peers(row: Row) -> str:
@@ -70,12 +66,20 @@ def peers(row: Row) -> str:
     return ", ".join(told) or NOTHING
 
 
-def limit(report: Report, row: Row) -> tuple[str, str]:
-    """Return the yardstick's time, and celestcore's ratio to it."""
+def limit(report: Report, row: Row) -> str:
+    """Return the yardstick's time."""
     found = report.limit(row)
-    if found is None:
-        return NOTHING, NOTHING
-    return spell(found[0]), NOTHING if math.isnan(row.ns) else times(row.ns / found[0])
+    return NOTHING if found is None else spell(found[0])
+
+
+def ratio(report: Report, row: Row) -> str:
+    """Return celestcore's time over the yardstick's, or over that of the work the target names."""
+    found, reached, aim = report.limit(row), report.reached(row), row.work.target
+    if found is not None and not math.isnan(row.ns):
+        return times(row.ns / found[0])
+    if reached is None or aim is None or aim.of == "ns":
+        return NOTHING
+    return times(reached[0])
 
 
 def instructions(report: Report, row: Row) -> str:
@@ -94,13 +98,12 @@ def section(report: Report) -> str:
     heading = "| work | per | celestcore | limit | ratio | target | peers (× celestcore) | instr. |"
     lines = [title, "", heading, "|" + "---|" * 8]
     for row in report.rows:
-        time, ratio = limit(report, row)
         cells = (
             row.work.title,
             row.work.item,
             spell(row.ns),
-            time,
-            ratio,
+            limit(report, row),
+            ratio(report, row),
             target(report, row),
             peers(row),
             instructions(report, row),

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from celestcore.bench._clock import CLOCK
 from celestcore.bench._session import Row
 from celestcore.bench._work import Target
 from celestcore.bench._yardstick import Yardstick
 
-CLOCK = "wall clock, shortest of all runs"
 BETTER = {
     "limit": "celestcore's time over the yardstick's: smaller is better",
     "peers": "the peer's time over celestcore's: larger is better for celestcore",

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
+from celestcore.bench._clock import clocked
 from celestcore.bench._outcome import Outcome
 from celestcore.bench._peers import Peer, loaded
 from celestcore.bench._work import Entry, Timed, Work
@@ -129,9 +130,7 @@ class Session:
             call = self._calls[key]
 
             def once() -> None:
-                began = time.perf_counter()
-                call()
-                ns = 1e9 * (time.perf_counter() - began) / (size * row.work.count)
+                ns = 1e9 * clocked(call)[0] / (size * row.work.count)
                 row.peers[name] = min(ns, row.peers.get(name, math.inf))
 
             self._often(once)

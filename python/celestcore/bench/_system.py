@@ -9,6 +9,7 @@ import numpy as np
 from celestcore import simulate
 from celestcore.bench import _inputs
 from celestcore.bench._attitude import navigator
+from celestcore.bench._clock import clocked
 from celestcore.bench._inputs import AttitudeInput
 from celestcore.bench._work import Timed, Work
 from celestcore.filters import EKF
@@ -25,10 +26,12 @@ def _stream(given: AttitudeInput) -> Timed:
     nav = navigator(EKF(), given)
     rows, times = list(given.gyro), given.t.tolist()
     predict = nav.start(t=0.0, q=given.q0).predict
-    began = time.perf_counter()
-    for t, rate in zip(times, rows, strict=True):
-        predict(t, rate)
-    taken = time.perf_counter() - began
+
+    def stream() -> None:
+        for t, rate in zip(times, rows, strict=True):
+            predict(t, rate)
+
+    taken, _ = clocked(stream)
     alone = SensorLog(gyro=(given.t, given.gyro))
     core = nav.run(alone, q0=given.q0, sigma0=(1e-3, 1e-3), every=given.steps).elapsed_s
     return Timed(1e9 * taken / given.steps, base=1e9 * core / given.steps)

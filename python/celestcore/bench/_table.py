@@ -6,7 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from celestcore.bench import _markdown as words
-from celestcore.bench._report import CLOCK, Report
+from celestcore.bench._clock import CLOCK
+from celestcore.bench._report import Report
 
 
 def show(console: Console, report: Report) -> None:
@@ -28,17 +29,17 @@ def show(console: Console, report: Report) -> None:
 
 
 def _works(report: Report) -> Table:
-    table = Table("work", box=None, pad_edge=False, header_style="bold")
-    for heading in ("celestcore", "limit", "ratio", "target", "instructions"):
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("work", no_wrap=True)
+    for heading in ("celestcore", "limit", "ratio", "target", "instr."):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("for each", no_wrap=True)
     for row in report.rows:
-        time, ratio = words.limit(report, row)
         table.add_row(
             row.work.name,
             words.spell(row.ns),
-            time,
-            ratio,
+            words.limit(report, row),
+            words.ratio(report, row),
             words.target(report, row),
             words.instructions(report, row),
             row.work.item,
@@ -62,10 +63,10 @@ def _peers(report: Report) -> Table:
 def _notes(report: Report) -> list[str]:
     """Return what must be said with the figures."""
     lines = [f"Time: {CLOCK}."]
-    if report.yardsticks:
-        lines.append("ratio: celestcore over limit, smaller is better for celestcore.")
+    if any(words.ratio(report, row) != words.NOTHING for row in report.rows):
+        lines.append("ratio: celestcore over limit, or over what the target names: less is better.")
     if report.peers or any(row.base is not None for row in report.rows):
-        lines.append("× celestcore: larger is better for celestcore.")
+        lines.append("× celestcore: more is better for celestcore.")
     for row in report.rows:
         if row.left_out:
             lines.append(f"{row.work.name} was not measured: {row.left_out}")
