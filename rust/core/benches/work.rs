@@ -37,7 +37,9 @@ const STARS: [[f64; 3]; 3] = [[0.30, 0.50, 0.81], [-0.84, 0.24, 0.48], [0.10, -0
 /// Particles of the bootstrap filter.
 const PARTICLES: usize = 1000;
 
-const KERNELS: [(&str, fn(usize) -> usize); 12] = [
+/// Does so many steps and tells how many items those are.
+type Kernel = fn(usize) -> usize;
+const KERNELS: [(&str, Kernel); 12] = [
     ("propagation", propagation),
     ("ekf", |steps| filter(&attitude::AnyFilter::Ekf(Ekf::default()), Integrator::Exponential, steps)),
     ("ukf", |steps| filter(&attitude::AnyFilter::Ukf(Ukf::default()), Integrator::Rk4, steps)),
