@@ -171,6 +171,35 @@ def test_a_peer_computes_the_same(name: str, peer: str) -> None:
         assert checked(work, given, call()) is None  # a second call starts afresh
 
 
+@pytest.mark.parametrize("name", ["mekf_batch", "ukf_batch"])
+@pytest.mark.parametrize("shared", [True, False])
+def test_batches_are_measured_where_there_are_any(
+    name: str, shared: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With solutions that tell the time of the whole batch, or their share of it."""
+    told: list[float] = []
+
+    def run_many(nav: Any, logs: list[Any], *, every: int, threads: int) -> list[Any]:
+        assert threads == 1
+        found = [nav.run(log, every=every) for log in logs]
+        told[:] = [sum(one.elapsed_s for one in found)]
+        if shared:
+            found = [replace(one, elapsed_s=told[0]) for one in found]
+        return found
+
+    monkeypatch.setattr(cc.StarGyroNavigator, "run_many", run_many, raising=False)
+    work = WORKS[name]
+    assert work.missing is not None
+    assert work.missing() is None
+    given = work.make(100)
+    made = work.run(given)
+    assert made.ns == pytest.approx(1e9 * told[0] / (len(given) * 100))
+    assert made.outcome["q"].shape == (len(given), 4)
+    peer = _peers.PEERS["jax"]
+    if peer.missing() is None:
+        assert checked(work, given, _peers.loaded(work.peers["jax"])(given)()) is None
+
+
 def test_wrong_work_is_refused() -> None:
     work = replace(WORKS["systematic"], agree=lambda *_: "it is wrong")
     session = Session((work,), [_peers.PEERS["numpy"]], [], quick=True)
