@@ -25,6 +25,7 @@ __all__ = [
     "celestial_simulate",
     "chi2_cdf",
     "chi2_quantile",
+    "longest_step",
     "monte_carlo",
     "orbit_acceleration",
     "orbit_moments",
@@ -113,6 +114,7 @@ def orbit_acceleration(
 ) -> tuple[_Array, _Array, _Array]: ...
 def orbit_moments(tables: dict[str, Any], t: _Array) -> tuple[_Array, _Array, _Array]: ...
 def replay(log: Mapping[str, Any], smoothed: bool) -> dict[str, Any]: ...
+def longest_step(t: _Array, medians: float) -> float: ...
 def calibrate(
     log: Mapping[str, Any], aligned: int | None, prior: Sequence[float]
 ) -> dict[str, Any]: ...
@@ -221,6 +223,15 @@ class AttitudeStream:
     @property
     def covariance(self) -> _Array: ...
     def predict(self, t: float, rate: Any) -> None: ...
+    def _process(
+        self,
+        rates: _Array,
+        t: _Array | None,
+        dt: _Array | None,
+        step: float,
+        every: int | None,
+        covariance: bool,
+    ) -> dict[str, Any] | None: ...
     def update_star(self, t: float, q: Sequence[float], noise: Sequence[float]) -> Update: ...
     def update_vector(
         self,

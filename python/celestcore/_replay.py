@@ -42,10 +42,13 @@ OUTPUT: dict[str, Any] = {
     "every": 1,
     "period": None,
     "covariance": False,
+    "innovations": "full",
     "progress": None,
     "portable": False,
 }
 """Options of a run and what they are if they are not given."""
+KEPT = ("full", "nis", "none")
+"""What may be kept of the measurements."""
 
 
 def prepare(
@@ -70,11 +73,18 @@ def prepare(
         raise InputError("must be callable as progress(done, total)", field="progress")
     if o["period"] is not None and o["every"] != 1:
         raise InputError("goes without every: give one of them", field="period", value=o["period"])
+    if o["innovations"] not in KEPT:
+        known_words = ", ".join(KEPT)
+        raise InputError(
+            f"must be one of {known_words}", field="innovations", value=o["innovations"]
+        )
     names, sensors = _sensors(nav, log)
+    turn = nav.gyro._turn()
     sigma0 = o["sigma0"]
     call = {
         "gyro_t": gyro.t,
-        "gyro_rate": nav.gyro.to_body(gyro.rate),
+        "gyro_rate": gyro.rate,
+        "gyro_turn": None if turn is None else turn.reshape(-1).tolist(),
         "sensors": sensors,
         "setup": nav._setup(nav._max_gap(gyro.t)),
         "start": _start(gyro.t, o["t0"], o["q0"], sigma0, o["covariance0"]),
@@ -83,6 +93,7 @@ def prepare(
         "every": count(o["every"], "every"),
         "period": None if o["period"] is None else number(o["period"], "period", above=0.0),
         "covariance": bool(o["covariance"]),
+        "innovations": o["innovations"],
         "portable": bool(o["portable"]),
         "progress": o["progress"],
     }
@@ -90,13 +101,14 @@ def prepare(
 
 
 def _sensors(nav: StarGyroNavigator, log: SensorLog) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Return the sensors' names, and their columns in the body frame for the core."""
+    """Return the sensors' names, and columns and mountings for the core: nothing is copied."""
     names: list[str] = []
     sensors: list[tuple[Any, ...]] = []
     for name, star in log.stars.items():
-        q, noise = nav._camera(name).to_body(star.q, star.sigma, star.covariance)
+        camera = nav._camera(name)
         names.append(name)
-        sensors.append(("star", star.t, q, noise))
+        noise = camera._noise_for_core(star.noise)
+        sensors.append(("star", star.t, star.q, noise, camera.mounting))
     for name, table in log.vectors.items():
         sensor = nav._direction(name)
         sigma = table.sigma
@@ -106,10 +118,10 @@ def _sensors(nav: StarGyroNavigator, log: SensorLog) -> tuple[list[str], list[tu
                     "has no noise; give StarGyroNavigator(vector=VectorSensor(sigma=...))",
                     field=f"vector_{name}.sigma",
                 )
-            sigma = np.full(len(table), sensor.sigma)
-        body = table.body if sensor is None else sensor.to_body(table.body)
+            sigma = np.array([sensor.sigma])
+        turn = None if sensor is None else sensor._turn()
         names.append(f"vector_{name}")
-        sensors.append(("vector", table.t, body, table.inertial, sigma))
+        sensors.append(("vector", table.t, table.body, table.inertial, sigma, turn))
     return names, sensors
 
 
@@ -139,41 +151,46 @@ def _start(
 
 
 def finish(
-    nav: StarGyroNavigator, log: SensorLog, names: list[str], out: dict[str, Any], **more: Any
+    nav: StarGyroNavigator,
+    log: SensorLog,
+    names: list[str],
+    call: Mapping[str, Any],
+    out: dict[str, Any],
+    **more: Any,
 ) -> Solution:
-    """Return the core's answer as a solution."""
+    """Return the core's answer to a call as a solution."""
     gyro = log.gyro
     assert gyro is not None
-    steps = np.diff(gyro.t)
-    max_gap = nav._max_gap(gyro.t)
-    first = np.flatnonzero(steps > max_gap)
-    accepted = out["accepted"]
-    used = int(np.count_nonzero(accepted))
-    # what a filter does not use (LiteralUKF and directions) has a NIS of zero
-    outside = int(np.count_nonzero(~accepted & (out["nis"] > 0.0)))
-    if outside > max(10, REJECTED * len(accepted)):
+    # what a filter does not use (LiteralUKF and directions) is neither accepted nor rejected
+    accepted, outside, unused = out["tally"]
+    measurements = accepted + outside + unused
+    if outside > max(10, REJECTED * measurements):
         warn(
-            f"{outside} of {len(accepted)} measurements were outside the gate: "
+            f"{outside} of {measurements} measurements were outside the gate: "
             "the start, the noise or the frames are probably wrong"
         )
+    innovation, innovation_sigma = out["innovation"], out["innovation_sigma"]
+    if call["innovations"] == "nis":  # not known, and without memory
+        innovation = innovation_sigma = np.broadcast_to(np.nan, (measurements, 3))
     start_fix = out["start_fix"] is not None
     p_final = out["final_covariance"]
     fixes = sum(len(table) for table in (*log.stars.values(), *log.vectors.values()))
     return Solution(
         **{name: out[name] for name in ("t", "q", "rate", "bias", "sigma", "measurement_t")},
-        **{name: out[name] for name in ("sensor", "nis", "dof", "accepted", "innovation")},
-        innovation_sigma=out["innovation_sigma"],
+        **{name: out[name] for name in ("sensor", "nis", "dof", "accepted", "gaps")},
+        innovation=innovation,
+        innovation_sigma=innovation_sigma,
+        innovations=call["innovations"],
         covariance=out["covariance"] if len(out["covariance"]) else None,
-        gaps=np.stack([gyro.t[first], gyro.t[first + 1]], axis=1),
         counts={
             "samples": len(gyro),
             "fixes": fixes,
-            "accepted": used,
-            "rejected": len(accepted) - used,
+            "accepted": accepted,
+            "rejected": outside + unused,
             "start": int(start_fix),
             "missing": log.missing,
             "outside": int(out["outside"]),
-            "gaps": len(first),
+            "gaps": len(out["gaps"]),
         },
         sensor_names=names,
         epoch=log.epoch,

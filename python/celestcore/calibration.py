@@ -110,7 +110,7 @@ def calibrate(
     call, sensors = _replay.prepare(nav, log, options)
     camera = _aligned(list(log.stars), aligned)
     out = _core.calibrate(call, None if camera is None else sensors.index(camera), sigmas)
-    solution = _replay.finish(nav, log, sensors, out)
+    solution = _replay.finish(nav, log, sensors, call, out)
     parameters = GYRO if camera is None else GYRO + ALIGNMENT
     turn = _rotation_vector(out["alignment"])
     found = dict(zip(GYRO + ALIGNMENT, [*out["gyro_errors"], *turn], strict=True))

@@ -121,6 +121,7 @@ class StarGyroNavigator:
         every: int = 1,
         period: float | None = None,
         covariance: bool = False,
+        innovations: str = "full",
         progress: Callable[[int, int], object] | None = None,
         portable: bool = False,
     ) -> Solution:
@@ -149,6 +150,11 @@ class StarGyroNavigator:
             One output row every so many seconds from the start instead; the filter runs as without.
         covariance : bool
             Whether to keep full 6x6 covariances at the output rate.
+        innovations : {"full", "nis", "none"}
+            What to keep of each measurement: ``"full"`` keeps its NIS, whether it was accepted, its
+            innovation and the innovation's sigma (73 bytes); ``"nis"`` leaves out the last two
+            (25 bytes); ``"none"`` keeps nothing but `Solution.counts` and the likelihood, for
+            logs of any length in little memory.
         progress : callable, optional
             ``progress(done, total)`` [gyro samples], called some 20 times a second.
         portable : bool
@@ -168,6 +174,12 @@ class StarGyroNavigator:
         KeyboardInterrupt
             On Ctrl-C, within a fraction of a second.
 
+        Notes
+        -----
+        The log is read where it is. Beyond it a run takes 136 bytes for each output row (424 with
+        `covariance`), what `innovations` says for each measurement, and little more than a byte a
+        measurement to merge several sensors.
+
         Examples
         --------
         >>> import celestcore as cc
@@ -185,12 +197,13 @@ class StarGyroNavigator:
             "every": every,
             "period": period,
             "covariance": covariance,
+            "innovations": innovations,
             "progress": progress,
             "portable": portable,
         }
         call, names = _replay.prepare(self, log, given)
         out = _core.replay(call, False)
-        return _replay.finish(self, log, names, out, source=(log, given))
+        return _replay.finish(self, log, names, call, out, source=(log, given))
 
     def smooth(self, log: SensorLog | Solution, **options: Any) -> Solution:
         """Replay a log forward and back: every row knows the measurements before and after it.
@@ -241,7 +254,7 @@ class StarGyroNavigator:
             options = {**given, **options}
         call, names = _replay.prepare(self, log, options)
         out = _core.replay(call, True)
-        return _replay.finish(self, log, names, out, source=(log, options), smoothed=True)
+        return _replay.finish(self, log, names, call, out, source=(log, options), smoothed=True)
 
     def calibrate(
         self,
@@ -425,4 +438,4 @@ class StarGyroNavigator:
     def _max_gap(self, t: FloatArray) -> float:
         if self.gyro.max_gap is not None:
             return self.gyro.max_gap
-        return GAP_STEPS * float(np.median(np.diff(t))) if len(t) > 1 else np.inf
+        return _core.longest_step(np.ascontiguousarray(t), GAP_STEPS)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from celestcore.solution import Solution
 
 PANELS = ("attitude", "bias", "sigma", "innovation", "nis")
+NEEDS = {"innovation": "full", "nis": "nis"}
+"""What a run must have kept of the measurements for a panel: its option ``innovations``."""
 # Okabe and Ito's palette: told apart by people with any colour vision.
 X, Y, Z, REJECTED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 AXES_COLOURS = ((X, "x"), (Y, "y"), (Z, "z"))
@@ -54,7 +56,7 @@ def figure(solution: Solution, panels: tuple[str, ...] = PANELS, *, width: float
     Raises
     ------
     InputError
-        If a panel is unknown or the solution is empty.
+        If a panel is unknown or shows what was not kept, or the solution is empty.
     MissingDependencyError
         If matplotlib is not installed.
     """
@@ -65,6 +67,9 @@ def figure(solution: Solution, panels: tuple[str, ...] = PANELS, *, width: float
         )
     if len(solution) == 0:
         raise InputError("the solution is empty: there is nothing to plot", field="t")
+    for name in panels:
+        if name in NEEDS:
+            solution._need(NEEDS[name], f"the panel {name!r}")
     rows = [row for name in panels for row in _rows(solution, name)]
     heights = [2.3 if name == "attitude" else 2.1 for name, _ in rows]
     fig = _new_figure(width, sum(heights) + 0.7)
@@ -119,6 +124,12 @@ def save(fig: Figure, path: str | os.PathLike[str], *, dpi: int = 130) -> None:
     kind = os.fspath(path).rpartition(".")[2].lower() or "png"
     with replacing(path) as temporary:
         fig.savefig(temporary, format=kind, dpi=dpi)
+
+
+def kept(solution: Solution) -> tuple[str, ...]:
+    """Return the panels that show what the solution has kept."""
+    lost = {"full": (), "nis": ("innovation",)}.get(solution.innovations, tuple(NEEDS))
+    return tuple(name for name in PANELS if name not in lost)
 
 
 def _rows(solution: Solution, panel: str) -> list[tuple[str, int]]:

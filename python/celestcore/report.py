@@ -118,7 +118,7 @@ def write_report(
         If matplotlib is not installed.
     """
     if kind(path) == ".png":
-        plot.save(plot.figure(solution), path)
+        plot.save(plot.figure(solution, plot.kept(solution)), path)
         return
     text = page(solution, result, drift=drift, settings=settings, command=command)
     with replacing(path) as temporary:
@@ -162,6 +162,10 @@ def page(
     if drift is not None:
         parts.append(_image(plot.drift_figure(drift, solution.epoch, width=9.5), "Drift"))
     for name, (heading, caption) in CAPTIONS.items():
+        if name not in plot.kept(solution):
+            why = f'<p class="note">Not kept: innovations={solution.innovations!r}.</p>'
+            parts.append(f"<h2>{heading}</h2>{why}")
+            continue
         words = escape(caption.format(inertial=inertial))
         picture = _image(plot.figure(solution, (name,), width=9.5), heading)
         parts.append(f'<h2>{heading}</h2><p class="note">{words}</p>{picture}')
@@ -235,7 +239,8 @@ def _sensor_table(solution: Solution) -> str:
         for sensor in per_sensor(solution)
     ]
     if not rows:
-        return "<p>No fixes.</p>"
+        lost = solution.innovations == "none" and solution.counts.get("accepted", 0) > 0
+        return "<p>Innovations were not kept.</p>" if lost else "<p>No fixes.</p>"
     head = (
         "sensor",
         "fixes",

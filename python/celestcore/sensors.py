@@ -57,6 +57,15 @@ def _matrix(q: QuaternionLike) -> FloatArray:
     return np.asarray(to_matrix(np.asarray(q, dtype=np.float64)))
 
 
+def _turned(turn: FloatArray, v: FloatArray) -> FloatArray:
+    """Return vectors (..., 3) turned by a matrix, to the bits of the core.
+
+    Term by term as there: a matrix product may round differently.
+    """
+    x, y, z = (turn[:, k] * v[..., k : k + 1] for k in range(3))
+    return np.ascontiguousarray(x + y + z)
+
+
 @lru_cache(maxsize=64)
 def _packed_rotation(mounting: tuple[float, ...] | None) -> FloatArray:
     """Return the matrix (9, 6) from the elements of C to those of R C R^T, packed."""
@@ -157,9 +166,7 @@ class Gyro:
         turn = self._turn()
         if turn is None:
             return rate
-        # term by term as a stream does it, to the same bits: a matrix product may round differently
-        x, y, z = (turn[:, k] * rate[..., k : k + 1] for k in range(3))
-        return np.ascontiguousarray(x + y + z)
+        return _turned(turn, rate)
 
     def _turn(self) -> FloatArray | None:
         """Matrix (3, 3) from measured rates to rates of the body, None for none."""
@@ -284,9 +291,23 @@ class StarCamera:
 
     def _noise(self, n: int, sigma: ArrayLike | None, covariance: ArrayLike | None) -> FloatArray:
         """Noise in the body frame, packed (n, 6); (1, 6) if always the same."""
-        variances = self._covariance(n, sigma, covariance)
+        variances = self._covariance(n, sigma, covariance).reshape(-1, 9)
         stored = cast("tuple[float, ...] | None", self.mounting)  # since __post_init__
-        return np.asarray(variances.reshape(-1, 9) @ _packed_rotation(stored))
+        turn = _packed_rotation(stored)
+        if sigma is None and covariance is None:
+            return np.asarray(variances @ turn)
+        # term by term, as the core does it for the fixes of a log
+        noise = variances[:, :1] * turn[0]
+        for k in range(1, 9):
+            noise += variances[:, k : k + 1] * turn[k]
+        return np.asarray(noise)
+
+    def _noise_for_core(self, own: FloatArray | None) -> FloatArray:
+        """Noise as the core takes it: of each fix if they bring their own, else (6,) for all."""
+        if own is not None:
+            return own
+        with np.errstate(all="ignore"):  # the core refuses noise that is not finite
+            return np.ascontiguousarray(self._noise(1, None, None)[0])
 
     def _covariance(
         self, n: int, sigma: ArrayLike | None, covariance: ArrayLike | None
@@ -389,6 +410,12 @@ class VectorSensor:
         """
         v = directions(array(b, "vector.body", (None, 3)), "vector.body")
         if self.mounting is not None:
-            v = v @ _matrix(self.mounting).T
+            v = _turned(_matrix(self.mounting), v)
         v /= np.linalg.norm(v, axis=1, keepdims=True)
         return unit_rows(v, "vector.body", what="vector", hint="")
+
+    def _turn(self) -> list[float]:
+        """Matrix from the sensor's frame to the body's, row by row."""
+        turn = np.eye(3) if self.mounting is None else _matrix(self.mounting)
+        entries: list[float] = turn.reshape(-1).tolist()
+        return entries

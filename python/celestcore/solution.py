@@ -139,6 +139,9 @@ class Solution:
         Names of the inertial and the body frame.
     smoothed : bool
         Whether every row knows the measurements after it, too.
+    innovations : {"full", "nis", "none"}
+        What was kept of the measurements: see `StarGyroNavigator.run`. With ``"nis"`` the
+        innovations are NaN; with ``"none"`` there are no rows of measurements, m = 0.
     log_likelihood : float
         Logarithm of the probability density of the accepted measurements under the filter, each
         given those before it; what a choice of noise is judged by.
@@ -182,6 +185,7 @@ class Solution:
     frames: dict[str, str] = field(default_factory=dict)
     smoothed: bool = False
     log_likelihood: float = float("nan")
+    innovations: str = "full"
     source: tuple[SensorLog, dict[str, Any]] | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
@@ -191,9 +195,11 @@ class Solution:
         span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "empty"
         name = f"{self.title!r}, " if self.title else ""
         how = ", smoothed" if self.smoothed else ""
+        unknown = self.innovations == "none"
+        fixes = "measurements not kept" if unknown else f"{len(self.measurement_t)} measurements"
         return (
             f"Solution({name}{self.filter or 'filter unknown'}{how}, {len(self)} rows, {span}, "
-            f"{len(self.measurement_t)} measurements)"
+            f"{fixes})"
         )
 
     def __getitem__(self, when: Any) -> Any:
@@ -308,6 +314,11 @@ class Solution:
         dict of str to ndarray (m,)
             Innovations in rad.
 
+        Raises
+        ------
+        InputError
+            If the measurements were not kept.
+
         Examples
         --------
         >>> import celestcore as cc
@@ -316,6 +327,7 @@ class Solution:
         >>> list(sol.measurement_columns())
         ['t', 'sensor', 'nis', 'dof', 'accepted', 'ix', 'iy', 'iz', 's_ix', 's_iy', 's_iz']
         """
+        self._need("nis", "measurement_columns")
         names = np.asarray([*self.sensor_names, ""], dtype=object)
         known = np.where(self.sensor < len(self.sensor_names), self.sensor, -1).astype(int)
         out: Columns = {
@@ -434,7 +446,7 @@ class Solution:
         Parameters
         ----------
         panels : tuple of str, optional
-            Which panels; by default all of `celestcore.plot.PANELS`.
+            Which panels; by default all of `celestcore.plot.PANELS` that the solution has kept.
         width : float
             Width of the figure [inch].
 
@@ -446,7 +458,7 @@ class Solution:
         Raises
         ------
         InputError
-            An unknown panel.
+            An unknown panel, or one of what was not kept.
         MissingDependencyError
             If matplotlib is not installed.
 
@@ -460,7 +472,17 @@ class Solution:
         """
         from celestcore import plot
 
-        return plot.figure(self, plot.PANELS if panels is None else panels, width=width)
+        return plot.figure(self, plot.kept(self) if panels is None else panels, width=width)
+
+    def _need(self, least: str, what: str) -> None:
+        """Raise an error if less than this was kept of the measurements."""
+        if self.innovations == "none" or (least == "full" and self.innovations == "nis"):
+            lost = "innovations" if self.innovations == "nis" else "measurements"
+            raise InputError(
+                f"{what} needs {lost}, which were not kept: run with innovations={least!r}",
+                field="innovations",
+                value=self.innovations,
+            )
 
     def _bracket(self, when: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the row before each time and the fraction of the way to the next row."""
@@ -500,7 +522,8 @@ class Solution:
         )
         if self.covariance is not None:
             parts["covariance"] = self.covariance[rows].copy()
-        counts = _counts(len(parts["t"]), parts["accepted"], len(gaps))
+        known = None if self.innovations == "none" else parts["accepted"]
+        counts = _counts(len(parts["t"]), known, len(gaps))
         final = _final(parts) if len(parts["t"]) else {}
         return dataclasses.replace(
             self,
@@ -513,8 +536,10 @@ class Solution:
         )
 
 
-def _counts(samples: int, accepted: NDArray[np.bool_], gaps: int) -> dict[str, int]:
+def _counts(samples: int, accepted: NDArray[np.bool_] | None, gaps: int) -> dict[str, int]:
     """Return the counts that can be told from a part of a solution."""
+    if accepted is None:
+        return {"samples": samples, "gaps": gaps}
     used = int(np.count_nonzero(accepted))
     return {
         "samples": samples,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from celestcore import _core
-from celestcore._arguments import Sigma0, covariance_of, one_quaternion, positive, three
+from celestcore._arguments import Sigma0, count, covariance_of, one_quaternion, positive, three
 from celestcore._check import FloatArray, array, covariances, directions, number
 from celestcore.errors import InputError
 from celestcore.sensors import VectorSensor
@@ -26,11 +26,12 @@ __all__ = ["StarGyroState"]
 class StarGyroState(_core.AttitudeStream):
     """A filter that is fed sample by sample: what `StarGyroNavigator.start` returns.
 
-    Samples come in order of time: `predict` with each gyro sample, `update` with each star fix,
-    `update_direction` with each direction. The result is that of `StarGyroNavigator.run` on the
-    same samples, except where a measurement falls between two gyro samples and the gyro's sampling
-    is "integrated" or "average": the sample that ends the interval is then not known yet, and the
-    last one is held. Without `Gyro.max_gap` no step is a gap: a stream knows no median step.
+    Samples come in order of time: `predict` with each gyro sample or `process` with a block of
+    them, `update` with each star fix, `update_direction` with each direction. The result is that of
+    `StarGyroNavigator.run` on the same samples, except where a measurement falls between two gyro
+    samples and the gyro's sampling is "integrated" or "average": the sample that ends the interval
+    is then not known yet, and the last one is held. Without `Gyro.max_gap` no step is a gap: a
+    stream knows no median step.
 
     Attributes
     ----------
@@ -91,6 +92,106 @@ class StarGyroState(_core.AttitudeStream):
         self.navigator = navigator
         self.lag = lag
         return self
+
+    @overload
+    def process(
+        self,
+        rates: ArrayLike,
+        dt: ArrayLike | None = None,
+        *,
+        t: ArrayLike | None = None,
+        every: None = None,
+        covariance: bool = False,
+    ) -> None: ...
+    @overload
+    def process(
+        self,
+        rates: ArrayLike,
+        dt: ArrayLike | None = None,
+        *,
+        t: ArrayLike | None = None,
+        every: int,
+        covariance: bool = False,
+    ) -> StateAt: ...
+    def process(
+        self,
+        rates: ArrayLike,
+        dt: ArrayLike | None = None,
+        *,
+        t: ArrayLike | None = None,
+        every: int | None = None,
+        covariance: bool = False,
+    ) -> StateAt | None:
+        """Move on with a block of gyro samples: `predict` with each of them, in one call.
+
+        The same bits as calls of `predict` at the times ``state.t + dt``, ``... + dt`` and so on.
+        All of the block is used or, if an error is raised, nothing of it.
+
+        Parameters
+        ----------
+        rates : array_like (n, 3)
+            Measured rates, gyro frame [rad/s]. A C-ordered float64 array is not copied.
+        dt : float or array_like (n,), optional
+            Time from each sample to the one before it, of the first to the state's time [s].
+        t : array_like (n,), optional
+            Times of the samples instead [s], increasing; the first may be the state's own.
+        every : int, optional
+            Return the state after every so many samples of the block.
+        covariance : bool
+            Whether with full 6x6 covariances.
+
+        Returns
+        -------
+        StateAt or None
+            With `every`: columns of ``n // every`` rows, the last sample's among them if `every`
+            divides n.
+
+        Raises
+        ------
+        InputError
+            A rate that is not finite, a time that does not come after the one before it, a step
+            that is not positive: names field, row and value. The state is as it was.
+        NumericalError
+            A covariance that is not positive definite; the state is as it was.
+        KeyboardInterrupt
+            On Ctrl-C, within a fraction of a second; the state is as it was.
+
+        Notes
+        -----
+        Other Python threads run meanwhile if the block is large (512 samples or more).
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-6, 1e-9), cc.StarCamera(1e-5))
+        >>> state = nav.start(t=0.0, q=[1.0, 0.0, 0.0, 0.0])
+        >>> state.process([[0.0, 0.0, 0.01]] * 100, 0.5)
+        >>> state.t, cc.quaternion.log(state.q).round(6)
+        (50.0, array([0. , 0. , 0.5]))
+        >>> rows = state.process([[0.0, 0.0, 0.01]] * 100, 0.5, every=50)
+        >>> rows.t, rows.sigma.shape
+        (array([ 75., 100.]), (2, 6))
+        """
+        if (dt is None) == (t is None):
+            raise InputError("give steps dt or times t: one of them", field="dt")
+        step = dt if isinstance(dt, float) else 0.0
+        steps = None if dt is None or isinstance(dt, float) else array(dt, "dt")
+        if steps is not None and steps.ndim == 0:
+            step = float(steps)
+            steps = None
+        out = self._process(
+            rates if _as_the_core_takes_it(rates) else array(rates, "rates", (None, 3)),
+            None if t is None else array(t, "t", (None,)),
+            None if steps is None else array(steps, "dt", (None,)),
+            step,
+            None if every is None else count(every, "every"),
+            bool(covariance),
+        )
+        if out is None:
+            return None
+        if not covariance:
+            out["covariance"] = None
+        return StateAt(**out)
 
     def update(
         self,
@@ -280,6 +381,17 @@ class StarGyroState(_core.AttitudeStream):
     def __repr__(self) -> str:
         sigma = ", ".join(f"{s:.3g}" for s in self.sigma)
         return f"StarGyroState(t={self.t:.10g}, q={self.q.round(9).tolist()}, sigma=[{sigma}])"
+
+
+def _as_the_core_takes_it(rates: ArrayLike) -> TypeGuard[FloatArray]:
+    """Tell whether an array of rates can be read where it is."""
+    return (
+        type(rates) is np.ndarray
+        and rates.dtype == np.float64
+        and rates.shape[1:] == (3,)
+        and rates.flags.c_contiguous
+        and rates.flags.aligned
+    )
 
 
 def _restore(

@@ -169,13 +169,17 @@ def headline(result: dict[str, Any]) -> str:
             f"{rejected:,} of {counts['accepted'] + rejected:,} fixes were rejected: the start, "
             "the noise or the frames are probably wrong.",
         )
-    if inn["rms_total_arcsec"] is None:
-        parts.append("No fix was used to correct the attitude.")
+    if inn["nis_per_dof"] is None:
+        used = counts["accepted"] > 0
+        parts.append(
+            "Innovations were not kept." if used else "No fix was used to correct the attitude."
+        )
         return " ".join(parts)
-    parts.append(
-        f"Before each correction the prediction was off the fix by {inn['rms_total_arcsec']:.3g}"
-        f" arcsec rms."
-    )
+    if inn["rms_total_arcsec"] is not None:
+        parts.append(
+            "Before each correction the prediction was off the fix by "
+            f"{inn['rms_total_arcsec']:.3g} arcsec rms."
+        )
     if not doubtful:
         enough = counts["accepted"] >= FEW_FIXES
         parts.append(verdict(inn) if enough else "Too few fixes were used to judge its error bars.")

@@ -96,3 +96,39 @@ def test_streaming_predict(log: cc.SensorLog, kind: cc.EKF | cc.UKF) -> None:
     best(lambda: steps.append(nav.run(alone, every=1000, **begin).elapsed_s))
     taken, step = best(stream) / n * 1e9, min(steps) / n * 1e9
     show(f"streaming predict, {kind.kind}", taken, f", {taken - step:.0f} ns beyond the step")
+
+
+@pytest.mark.parametrize("kind", [cc.EKF(), cc.UKF()], ids=lambda f: f.kind)
+@pytest.mark.parametrize("size", [1, 10, 100, 10_000])
+def test_streaming_blocks(log: cc.SensorLog, kind: cc.EKF | cc.UKF, size: int) -> None:
+    assert log.gyro is not None
+    n = 100_000 if size > 1 else 10_000
+    nav = cc.StarGyroNavigator(kind, cc.Gyro(arw=ARW, rrw=RRW), cc.StarCamera(SIGMA))
+    blocks = np.split(log.gyro.rate[:n], n // size)
+
+    def stream() -> None:
+        process = nav.start(t=0.0, q=[1.0, 0.0, 0.0, 0.0]).process
+        for rates in blocks:
+            process(rates, STEP)
+
+    whole = log.gyro.rate[:n]
+    taken = best(stream) / len(blocks) * 1e9
+    step = best(lambda: nav.start(t=0.0, q=[1.0, 0.0, 0.0, 0.0]).process(whole, STEP)) / n * 1e9
+    beyond = f", {taken - size * step:.0f} ns a block beyond the steps"
+    show(f"process, {kind.kind}, blocks of {size}", taken / size, beyond)
+
+
+def test_log_and_run_from_numpy(log: cc.SensorLog) -> None:
+    assert log.gyro is not None
+    gyro, star = log.gyro, log.stars["star"]
+    given = [np.array(x) for x in (gyro.t, gyro.rate, star.t, star.q)]
+    nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(arw=ARW, rrw=RRW), cc.StarCamera(SIGMA))
+    core: list[float] = []
+
+    def whole() -> None:
+        log = cc.SensorLog(gyro=tuple(given[:2]), star=tuple(given[2:]))
+        core.append(nav.run(log, every=10).elapsed_s)
+
+    taken = best(whole)
+    more = f" in the core, {taken / min(core) - 1.0:+.1%} with the log made of arrays"
+    show("log and run, EKF, a row every 10", min(core) / SAMPLES * 1e9, more)

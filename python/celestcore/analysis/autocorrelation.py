@@ -144,6 +144,8 @@ def whiteness(
 def _normalised(innovation: Any, sensor: str | None) -> Array:
     """Return innovations in units of their 1-sigma (m, axes)."""
     if hasattr(innovation, "innovation_sigma"):
+        if hasattr(innovation, "innovations"):
+            innovation._need("full", "this")
         rows = accepted_rows(innovation, sensor)
         if len(np.unique(innovation.sensor[rows])) > 1:
             names = ", ".join(innovation.sensor_names)

@@ -105,7 +105,7 @@ def nis(solution: Solution, sensor: str | None = None) -> Array:
     Raises
     ------
     InputError
-        If the sensor is unknown.
+        If the sensor is unknown, or the measurements were not kept.
 
     Examples
     --------
@@ -120,6 +120,8 @@ def nis(solution: Solution, sensor: str | None = None) -> Array:
 
 def accepted_rows(solution: Solution, sensor: str | None) -> NDArray[np.bool_]:
     """Say which measurements were accepted, of all sensors or of one (m,)."""
+    if hasattr(solution, "innovations"):
+        solution._need("nis", "this")
     rows = solution.accepted & np.isfinite(solution.nis)
     if sensor is None:
         return rows

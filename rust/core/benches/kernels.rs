@@ -70,8 +70,13 @@ fn filters(c: &mut Criterion) {
     }
     let log = log();
     let timing = GyroTiming { sampling: Sampling::Hold, max_gap: 1.0, gap_rate_sigma: 1e-3 };
-    let gyro = GyroSeries { t: &log.t, rate: &log.rate, timing };
-    let stars = [AttitudeSensor::Star(StarSeries { t: &log.star_t, q: &log.star_q, noise: &log.noise })];
+    let gyro = GyroSeries { t: &log.t, rate: &log.rate, turn: None, timing };
+    let stars = [AttitudeSensor::Star(StarSeries {
+        t: &log.star_t,
+        q: &log.star_q,
+        noise: log.noise.as_slice().into(),
+        mounting: None,
+    })];
     let sensors = AttitudeSensors::new(&stars, 1.0).unwrap();
     let start = start(&log);
 

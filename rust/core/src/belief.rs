@@ -1,7 +1,7 @@
 //! What a filter knows, and what an update reports.
 
 use crate::linalg::{Matrix, Vector, cholesky, diagonal, square};
-use crate::manifold::{Family, Manifold, select_matrix};
+use crate::manifold::{Family, Finite, Manifold, take_matrix};
 use crate::scalar::{Mask, Real};
 
 /// A state and its uncertainty.
@@ -14,27 +14,25 @@ pub trait Belief<S: Manifold<N>, T: Real, const N: usize>: Copy {
     fn covariance(&self) -> Matrix<T, N, N>;
     /// Diagonal of the covariance.
     fn variance(&self) -> Vector<T, N>;
-    /// `yes` where the mask is true, `no` elsewhere.
-    fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self;
+    /// Becomes `new` where the mask is true.
+    fn take(&mut self, mask: T::Mask, new: &Self);
     /// True where the state and all variances are finite. Enough after a prediction, which cannot make
     /// a variance negative.
     #[inline(always)]
     fn finite(&self) -> T::Mask {
-        let mut nothing = S::finite(self.mean());
+        let mut finite = Finite::new();
+        S::inspect(self.mean(), &mut finite);
         for v in self.variance() {
-            nothing = v.mul_add(T::zero(), nothing);
+            finite.look(v);
         }
-        // zero, or not a number
-        nothing.gt(T::splat(-1.0)).and(S::valid(self.mean()))
+        finite.all().and(S::valid(self.mean()))
     }
     /// True where state and covariance are finite and every variance is positive.
     #[inline(always)]
     fn healthy(&self) -> T::Mask {
-        let nothing = S::finite(self.mean());
-        let mut ok = S::valid(self.mean());
+        let mut ok = self.finite();
         for v in self.variance() {
-            // infinity times zero is not a number, and no comparison with that is true
-            ok = ok.and((v + v.mul_add(T::zero(), nothing)).gt(T::zero()));
+            ok = ok.and(v.gt(T::zero()));
         }
         ok
     }
@@ -88,11 +86,9 @@ impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for Gaussian<S, T,
         diagonal(&self.cov)
     }
     #[inline(always)]
-    fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self {
-        if mask.all() {
-            return *yes;
-        }
-        Self { mean: S::select::<T>(mask, &yes.mean, &no.mean), cov: select_matrix::<T, N, N>(mask, &yes.cov, &no.cov) }
+    fn take(&mut self, mask: T::Mask, new: &Self) {
+        S::take::<T>(&mut self.mean, mask, &new.mean);
+        take_matrix::<T, N, N>(&mut self.cov, mask, &new.cov);
     }
 }
 
@@ -121,14 +117,9 @@ impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for SqrtGaussian<S
         v
     }
     #[inline(always)]
-    fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self {
-        if mask.all() {
-            return *yes;
-        }
-        Self {
-            mean: S::select::<T>(mask, &yes.mean, &no.mean),
-            factor: select_matrix::<T, N, N>(mask, &yes.factor, &no.factor),
-        }
+    fn take(&mut self, mask: T::Mask, new: &Self) {
+        S::take::<T>(&mut self.mean, mask, &new.mean);
+        take_matrix::<T, N, N>(&mut self.factor, mask, &new.factor);
     }
 }
 
@@ -195,15 +186,11 @@ impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for Tangent<S, T, 
         diagonal(&self.cov)
     }
     #[inline(always)]
-    fn select(mask: T::Mask, yes: &Self, no: &Self) -> Self {
-        if mask.all() {
-            return *yes;
-        }
-        let mut offset = no.offset;
+    fn take(&mut self, mask: T::Mask, new: &Self) {
+        S::take::<T>(&mut self.point, mask, &new.point);
         for i in 0..N {
-            offset[i] = T::select(mask, yes.offset[i], no.offset[i]);
+            self.offset[i] = T::select(mask, new.offset[i], self.offset[i]);
         }
-        let cov = select_matrix::<T, N, N>(mask, &yes.cov, &no.cov);
-        Self { point: S::select::<T>(mask, &yes.point, &no.point), offset, cov }
+        take_matrix::<T, N, N>(&mut self.cov, mask, &new.cov);
     }
 }

@@ -48,6 +48,18 @@ pub enum Error {
         /// What is needed instead.
         need: &'static str,
     },
+    /// A value in a column that cannot be right.
+    #[error("{field} row {row} = {value:?}: {need}")]
+    Row {
+        /// Name of the column.
+        field: &'static str,
+        /// Its row.
+        row: usize,
+        /// The value.
+        value: f64,
+        /// What is needed instead.
+        need: &'static str,
+    },
     /// A covariance that is not (or no longer) positive definite, or a state that is not finite.
     #[error(
         "{what} is not positive definite or not finite at step {step}, t = {t} s; check the noise parameters, or use the square-root filter"

@@ -20,6 +20,7 @@ pub mod manifold;
 pub mod model;
 pub mod moments;
 pub mod orbit;
+mod packed;
 pub mod quaternion;
 pub mod replay;
 pub mod resample;

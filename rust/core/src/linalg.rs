@@ -31,10 +31,13 @@ pub fn from_fn<T: Real, const R: usize, const C: usize>(mut entry: impl FnMut(us
 pub fn symmetric<T: Real, const N: usize>(mut entry: impl FnMut(usize, usize) -> T) -> Matrix<T, N, N> {
     let mut m = zeros();
     for i in 0..N {
-        for j in 0..=i {
-            let e = entry(i, j);
-            m[(i, j)] = e;
-            m[(j, i)] = e;
+        // over the whole row: a loop whose end depends on another is not always unrolled
+        for j in 0..N {
+            if j <= i {
+                let e = entry(i, j);
+                m[(i, j)] = e;
+                m[(j, i)] = e;
+            }
         }
     }
     m
@@ -203,6 +206,22 @@ pub struct Ldl<T: Real, const N: usize> {
     pub ok: T::Mask,
 }
 
+impl<T: Real, const N: usize> Ldl<T, N> {
+    /// `rᵀ P⁻¹ r`, by substitution.
+    #[inline(always)]
+    pub fn quadratic(&self, r: &Vector<T, N>) -> T {
+        let mut y = *r;
+        let mut square = T::zero();
+        for i in 0..N {
+            for k in 0..i {
+                y[i] = (-self.l[(i, k)]).mul_add(y[k], y[i]);
+            }
+            square = (y[i] * self.inverses[i]).mul_add(y[i], square);
+        }
+        square
+    }
+}
+
 /// Lower Cholesky factor, and in which lanes it exists (see [`ldl`]).
 #[inline(always)]
 pub fn cholesky<T: Real, const N: usize>(p: &Matrix<T, N, N>) -> (Matrix<T, N, N>, T::Mask) {
@@ -253,40 +272,6 @@ pub fn forward_solve<T: Real, const M: usize>(l: &Matrix<T, M, M>, b: &Vector<T,
         y[i] = y[i] / l[(i, i)];
     }
     y
-}
-
-/// The gain `b S⁻¹` and the quadratic form `rᵀ S⁻¹ r`, both by substitution, and in which lanes `S` is
-/// positive definite.
-#[inline(always)]
-pub fn gain<T: Real, const N: usize, const M: usize>(
-    b: &Matrix<T, N, M>,
-    s: &Matrix<T, M, M>,
-    r: &Vector<T, M>,
-) -> (Matrix<T, N, M>, T, T::Mask) {
-    let f = ldl(s);
-    let mut x = *b;
-    for n in 0..N {
-        for i in 0..M {
-            for k in 0..i {
-                x[(n, i)] = (-f.l[(i, k)]).mul_add(x[(n, k)], x[(n, i)]);
-            }
-        }
-        for i in (0..M).rev() {
-            x[(n, i)] = x[(n, i)] * f.inverses[i];
-            for k in i + 1..M {
-                x[(n, i)] = (-f.l[(k, i)]).mul_add(x[(n, k)], x[(n, i)]);
-            }
-        }
-    }
-    let mut y = *r;
-    let mut square = T::zero();
-    for i in 0..M {
-        for k in 0..i {
-            y[i] = (-f.l[(i, k)]).mul_add(y[k], y[i]);
-        }
-        square = (y[i] * f.inverses[i]).mul_add(y[i], square);
-    }
-    (x, square, f.ok)
 }
 
 /// `a⁻¹ b` for a matrix near the identity, by elimination without pivoting: what carries errors over a

@@ -1,6 +1,6 @@
 //! Where states live: a manifold with an `N`-dimensional error state.
 
-use crate::linalg::{Matrix, Vector, congruence, identity, mul, solve_near_identity, symmetric, transpose};
+use crate::linalg::{Matrix, Vector, congruence, dot, identity, mul, solve_near_identity, symmetric, transpose};
 use crate::scalar::{Mask, Real};
 
 /// A record of scalars that exists over every [`Real`]: `Of<f64>`, `Of<Lanes>`, …
@@ -15,20 +15,69 @@ pub trait Family: 'static {
     fn map<A: Real, B: Real>(a: &Self::Of<A>, mut f: impl FnMut(A) -> B) -> Self::Of<B> {
         Self::zip(a, a, |x, _| f(x))
     }
-    /// One record where the mask is true, the other elsewhere.
+    /// Becomes `new` where the mask is true.
     #[inline(always)]
-    fn select<T: Real>(mask: T::Mask, yes: &Self::Of<T>, no: &Self::Of<T>) -> Self::Of<T> {
-        Self::zip(yes, no, |a, b| T::select(mask, a, b))
+    fn take<T: Real>(old: &mut Self::Of<T>, mask: T::Mask, new: &Self::Of<T>) {
+        // branches, where all lanes agree: a store that waits for the mask holds up the next step
+        if mask.all() {
+            *old = *new;
+        } else if mask.any() {
+            *old = Self::zip(new, old, |a, b| T::select(mask, a, b));
+        }
     }
     /// Zero if every component is finite, not a number otherwise.
     #[inline(always)]
     fn finite<T: Real>(a: &Self::Of<T>) -> T {
-        let mut sum = T::zero();
+        let mut finite = Finite::new();
+        Self::inspect(a, &mut finite);
+        finite.nothing()
+    }
+    /// Looks at each component.
+    #[inline(always)]
+    fn inspect<T: Real>(a: &Self::Of<T>, finite: &mut Finite<T>) {
         Self::map(a, |x: T| {
-            sum = x.mul_add(T::zero(), sum);
+            finite.look(x);
             x
         });
-        sum
+    }
+}
+
+/// Whether some numbers are all finite: zero times each, summed side by side, since one long sum would hold up what
+/// waits for it.
+pub struct Finite<T> {
+    sums: [T; 4],
+    seen: usize,
+}
+
+impl<T: Real> Finite<T> {
+    /// Nothing has been looked at.
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self { sums: [T::zero(); 4], seen: 0 }
+    }
+    /// Looks at one more.
+    #[inline(always)]
+    pub fn look(&mut self, x: T) {
+        let sum = &mut self.sums[self.seen % 4];
+        *sum = x.mul_add(T::zero(), *sum);
+        self.seen += 1;
+    }
+    /// Zero where all were, not a number elsewhere.
+    #[inline(always)]
+    pub fn nothing(&self) -> T {
+        let [a, b, c, d] = self.sums;
+        (a + b) + (c + d)
+    }
+    /// True where all were.
+    #[inline(always)]
+    pub fn all(&self) -> T::Mask {
+        self.nothing().gt(T::splat(-1.0))
+    }
+}
+
+impl<T: Real> Default for Finite<T> {
+    fn default() -> Self {
+        Self::new()
     }
 }
 
@@ -64,6 +113,17 @@ pub trait Manifold<const N: usize>: Family {
     #[inline(always)]
     fn transport_factor<T: Real>(x: &Self::Of<T>, d: &Vector<T, N>, l: &Matrix<T, N, N>) -> Matrix<T, N, N> {
         mul(&Self::reset(x, d), l)
+    }
+    /// Carries some columns over a reset, side by side: `J a`. Override it to use structure.
+    #[inline(always)]
+    fn carry_columns<T: Real>(x: &Self::Of<T>, d: &Vector<T, N>, columns: &mut [Vector<T::Pack, N>]) {
+        let j = Self::reset(x, d);
+        for column in columns {
+            let old = *column;
+            for i in 0..N {
+                column[i] = dot::<T::Pack, N>(|k| j[(i, k)].stack(), |k| old[k]);
+            }
+        }
     }
     /// Carries a covariance of errors about `x ⊞ d` back to errors about `x`: the inverse of
     /// [`Self::transport`].
@@ -113,20 +173,32 @@ impl<const N: usize> Manifold<N> for Euclidean<N> {
         *l
     }
     #[inline(always)]
+    fn carry_columns<T: Real>(_: &[T; N], _: &Vector<T, N>, _: &mut [Vector<T::Pack, N>]) {}
+    #[inline(always)]
     fn transport_back<T: Real>(_: &[T; N], _: &Vector<T, N>, p: &Matrix<T, N, N>) -> Matrix<T, N, N> {
         *p
     }
 }
 
-/// `yes` where the mask is true, `no` elsewhere.
+/// Becomes `new` where the mask is true.
 #[inline(always)]
-pub(crate) fn select_matrix<T: Real, const R: usize, const C: usize>(
+pub(crate) fn take_matrix<T: Real, const R: usize, const C: usize>(
+    old: &mut Matrix<T, R, C>,
     mask: T::Mask,
-    yes: &Matrix<T, R, C>,
-    no: &Matrix<T, R, C>,
-) -> Matrix<T, R, C> {
+    new: &Matrix<T, R, C>,
+) {
+    // entry by entry: the new ones are in registers, and a copy of the whole would first put them into memory
     if mask.all() {
-        return *yes;
+        for j in 0..C {
+            for i in 0..R {
+                old[(i, j)] = new[(i, j)];
+            }
+        }
+    } else if mask.any() {
+        for j in 0..C {
+            for i in 0..R {
+                old[(i, j)] = T::select(mask, new[(i, j)], old[(i, j)]);
+            }
+        }
     }
-    crate::linalg::from_fn(|i, j| T::select(mask, yes[(i, j)], no[(i, j)]))
 }

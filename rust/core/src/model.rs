@@ -22,6 +22,23 @@ pub trait Dynamics<const N: usize> {
     /// State after the step.
     fn step<T: Real>(&self, x: &State<Self, T, N>, u: &Input<Self, T, N>, t: T, dt: T) -> State<Self, T, N>;
 
+    /// How many of the last error states pass the step unchanged: a bias that stays where it is.
+    const STILL: usize = 0;
+
+    /// Error state after the step of one before it, `local(step(x), step(x ⊞ d))`, with `image = step(x)` at hand.
+    /// Override it where that is shorter than the states themselves.
+    #[inline(always)]
+    fn displaced<T: Real>(
+        &self,
+        (x, image): (&State<Self, T, N>, &State<Self, T, N>),
+        d: &Vector<T, N>,
+        u: &Input<Self, T, N>,
+        t: T,
+        dt: T,
+    ) -> Vector<T, N> {
+        Self::Space::local(image, &self.step(&Self::Space::retract(x, d), u, t, dt))
+    }
+
     /// Covariance that the step adds, in the error state after the step.
     fn noise<T: Real>(&self, x: &State<Self, T, N>, u: &Input<Self, T, N>, t: T, dt: T) -> Matrix<T, N, N>;
 
@@ -97,6 +114,9 @@ pub trait Measurement<const N: usize, const M: usize> {
     /// What is measured; may itself be a quaternion.
     type Value: Family;
 
+    /// Whether the residual is that of the first `M` error states themselves: `H = [I 0]`.
+    const DIRECT: bool = false;
+
     /// Value expected in state `x`.
     fn predict<T: Real>(&self, x: &Seen<Self, T, N, M>, given: &Given<Self, T, N, M>) -> Value<Self, T, N, M>;
 
@@ -125,6 +145,13 @@ pub trait Measurement<const N: usize, const M: usize> {
             }
         }
         jacobian
+    }
+
+    /// Whether the residual is linear in the error state, `residual(predict(x ⊞ d), predict(x)) = H d` to rounding,
+    /// for all `d` with `dᵀ P⁻¹ d ≤ c`. Sigma points then say what `H P Hᵀ` says at once.
+    #[inline(always)]
+    fn linear<T: Real>(&self, _p: &Matrix<T, N, N>, _c: f64) -> bool {
+        false
     }
 
     /// `a Hᵀ`, with the Jacobian `H` at hand. Override it where `H` only selects: a Jacobian that is

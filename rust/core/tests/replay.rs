@@ -20,9 +20,13 @@ fn filters() -> [AnyFilter; 3] {
     [AnyFilter::Ekf(Ekf::default()), AnyFilter::Ukf(Ukf::default()), AnyFilter::SrUkf(SrUkf::default())]
 }
 
+fn stars_of(made: &Made) -> StarSeries<'_> {
+    StarSeries { t: &made.star_t, q: &made.star_q, noise: made.noise.as_slice().into(), mounting: None }
+}
+
 fn replay(made: &Made, filter: &AnyFilter, output: Output, level: Level, t: f64) -> Result<Buffers, Error> {
-    let gyro = GyroSeries { t: &made.t, rate: &made.rate, timing: TIMING };
-    let stars = [AttitudeSensor::Star(StarSeries { t: &made.star_t, q: &made.star_q, noise: &made.noise })];
+    let gyro = GyroSeries { t: &made.t, rate: &made.rate, turn: None, timing: TIMING };
+    let stars = [AttitudeSensor::Star(stars_of(&made))];
     let sensors = AttitudeSensors::new(&stars, 1.0)?;
     let model = GyroModel::new(ARW, RRW, Integrator::Exponential)?;
     let mut start = start(made);
@@ -152,8 +156,8 @@ fn a_bad_first_fix_is_not_started_from() {
                 rate[axis] += 1e-3;
             }
             made.star_q[0] = multiply(&made.star_q[0], &exp(&turn));
-            let gyro = GyroSeries { t: &made.t, rate: &made.rate, timing: TIMING };
-            let stars = [AttitudeSensor::Star(StarSeries { t: &made.star_t, q: &made.star_q, noise: &made.noise })];
+            let gyro = GyroSeries { t: &made.t, rate: &made.rate, turn: None, timing: TIMING };
+            let stars = [AttitudeSensor::Star(stars_of(&made))];
             let sensors = AttitudeSensors::new(&stars, 1.0).unwrap();
             let start = first_fix(&gyro, &sensors, &model, [0.0; 3], [1e-3; 3]).unwrap();
             // not the bad one; which of the good ones depends on their noise
@@ -161,8 +165,8 @@ fn a_bad_first_fix_is_not_started_from() {
         }
     }
     let good = made(200, 5);
-    let gyro = GyroSeries { t: &good.t, rate: &good.rate, timing: TIMING };
-    let stars = [AttitudeSensor::Star(StarSeries { t: &good.star_t, q: &good.star_q, noise: &good.noise })];
+    let gyro = GyroSeries { t: &good.t, rate: &good.rate, turn: None, timing: TIMING };
+    let stars = [AttitudeSensor::Star(stars_of(&good))];
     let sensors = AttitudeSensors::new(&stars, 1.0).unwrap();
     let start = first_fix(&gyro, &sensors, &model, [0.0; 3], [1e-3; 3]).unwrap();
     assert_eq!((start.t, start.used), (0.0, Some(0)));
@@ -186,7 +190,7 @@ fn times_that_go_back_are_named() {
 #[test]
 fn a_poll_can_end_the_run() {
     let made = made(20_000, 8);
-    let gyro = GyroSeries { t: &made.t, rate: &made.rate, timing: TIMING };
+    let gyro = GyroSeries { t: &made.t, rate: &made.rate, turn: None, timing: TIMING };
     let sensors = AttitudeSensors::new(&[], 1.0).unwrap();
     let model = GyroModel::new(ARW, RRW, Integrator::Exponential).unwrap();
     let start = start(&made);

@@ -22,6 +22,16 @@ pub(crate) fn rows<'a, const K: usize>(a: &'a Array<'_>, name: &str) -> PyResult
     Err(input(a.py(), &format!("{name} has shape {shape:?}, but its last axis must have {K} entries")))
 }
 
+/// The 3×3 matrices of an array.
+pub(crate) fn matrix_rows<'a>(a: &'a Array<'_>, name: &str) -> PyResult<&'a [[[f64; 3]; 3]]> {
+    let (matrices, rest) = rows::<3>(a, name)?.as_chunks::<3>();
+    if rest.is_empty() && a.shape()[..a.shape().len() - 1].last() == Some(&3) {
+        return Ok(matrices);
+    }
+    let shape = a.shape();
+    Err(input(a.py(), &format!("{name} has shape {shape:?}, but its last two axes must have 3 entries")))
+}
+
 /// A fresh array of shape `(n, K)` that takes over the memory.
 pub(crate) fn table<const K: usize>(py: Python<'_>, rows: Vec<[f64; K]>) -> PyResult<Bound<'_, PyAny>> {
     let n = rows.len();

@@ -29,6 +29,12 @@ fn described(error: &Error, details: &Bound<'_, PyDict>) -> PyResult<(&'static s
             details.set_item("value", value)?;
             format!("does not come after {previous:?} s; sort the rows and drop the repeated ones")
         }
+        Error::Row { field, row, value, need } => {
+            details.set_item("field", field)?;
+            details.set_item("row", row)?;
+            details.set_item("value", value)?;
+            need.to_owned()
+        }
         Error::Parameter { field, value, need } => {
             details.set_item("field", field)?;
             details.set_item("value", value)?;

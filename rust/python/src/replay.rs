@@ -1,20 +1,20 @@
 //! A whole log in one call.
 
-use crate::columns::Arrays;
-use crate::convert::{Array, as_rows, flat, matrix6, rows, table};
+use crate::columns::{Reports, States};
+use crate::convert::{Array, as_rows, flat, matrix_rows, matrix6, rows, table};
 use crate::errors::{input, raise};
 use crate::listener::Listener;
 use crate::quaternions::integrator;
 use celestcore_core::Error;
 use celestcore_core::attitude::{
     AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, CALIBRATION_PASSES, Calibration, Columns,
-    DirectionSeries, GyroModel, GyroSeries, GyroTiming, Log, Measured, Options, Sampling, StarSeries,
-    calibrate as run_calibration, first_fix, rows as rows_of, run, smooth,
+    DirectionSeries, FixNoise, GyroModel, GyroSeries, GyroTiming, Log, Measured, Options, Rows, Sampling, StarSeries,
+    calibrate as run_calibration, first_fix, gap_limit, gaps, rows as rows_of, run, smooth,
 };
 use celestcore_core::filter::{Ekf, Iterated, SrUkf, Ukf, Unscented};
 use celestcore_core::replay::{Output, Start};
 use celestcore_core::scalar::Level;
-use numpy::PyArray1;
+use numpy::{PyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -87,10 +87,10 @@ impl Setup {
     }
 }
 
-/// One sensor's arrays, borrowed from Python for the time of a run.
+/// One sensor's arrays, borrowed from Python for the time of a run, and how it is mounted.
 enum Sensor<'py> {
-    Star(Array<'py>, Array<'py>, Array<'py>),
-    Direction(Array<'py>, Array<'py>, Array<'py>, Array<'py>),
+    Star(Array<'py>, Array<'py>, Array<'py>, Option<[f64; 4]>),
+    Direction(Array<'py>, Array<'py>, Array<'py>, Array<'py>, Option<[f64; 9]>),
 }
 
 impl<'py> Sensor<'py> {
@@ -98,25 +98,39 @@ impl<'py> Sensor<'py> {
         let kind: String = item.get_item(0)?.extract()?;
         let array = |i: usize| item.get_item(i)?.extract::<Array<'py>>();
         match kind.as_str() {
-            "star" => Ok(Self::Star(array(1)?, array(2)?, array(3)?)),
-            "vector" => Ok(Self::Direction(array(1)?, array(2)?, array(3)?, array(4)?)),
+            "star" => Ok(Self::Star(array(1)?, array(2)?, array(3)?, item.get_item(4)?.extract()?)),
+            "vector" => Ok(Self::Direction(array(1)?, array(2)?, array(3)?, array(4)?, item.get_item(5)?.extract()?)),
             other => Err(input(item.py(), &format!("unknown kind of sensor {other:?}"))),
         }
     }
     fn series(&self) -> PyResult<AttitudeSensor<'_>> {
         Ok(match self {
-            Self::Star(t, q, noise) => AttitudeSensor::Star(StarSeries {
+            Self::Star(t, q, noise, mounting) => AttitudeSensor::Star(StarSeries {
                 t: flat(t, "star time")?,
                 q: rows(q, "star quaternions")?,
-                noise: rows(noise, "star noise")?,
+                noise: fix_noise(noise)?,
+                mounting: *mounting,
             }),
-            Self::Direction(t, body, inertial, sigma) => AttitudeSensor::Direction(DirectionSeries {
+            Self::Direction(t, body, inertial, sigma, turn) => AttitudeSensor::Direction(DirectionSeries {
                 t: flat(t, "vector time")?,
                 body: rows(body, "body vectors")?,
                 inertial: rows(inertial, "inertial vectors")?,
                 sigma: flat(sigma, "vector sigma")?,
+                turn: *turn,
             }),
         })
+    }
+}
+
+/// Noise by its shape: (6,) for all fixes in the body frame; (n, 3) or (n, 3, 3) for each in the camera's.
+fn fix_noise<'a>(a: &'a Array<'_>) -> PyResult<FixNoise<'a>> {
+    match a.shape().len() {
+        1 => match rows::<6>(a, "star noise")? {
+            [same] => Ok(FixNoise::Same(*same)),
+            _ => Err(input(a.py(), "star noise that is the same for all fixes needs 6 entries")),
+        },
+        2 => Ok(FixNoise::Sigma(rows(a, "star sigma")?)),
+        _ => Ok(FixNoise::Covariance(matrix_rows(a, "star covariance")?)),
     }
 }
 
@@ -130,6 +144,8 @@ struct Replayed<'py> {
     gyro_t: Array<'py>,
     #[pyo3(item)]
     gyro_rate: Array<'py>,
+    #[pyo3(item)]
+    gyro_turn: Option<[f64; 9]>,
     #[pyo3(item)]
     sensors: Vec<Bound<'py, PyTuple>>,
     #[pyo3(item)]
@@ -147,6 +163,8 @@ struct Replayed<'py> {
     #[pyo3(item)]
     covariance: bool,
     #[pyo3(item)]
+    innovations: String,
+    #[pyo3(item)]
     portable: bool,
     #[pyo3(item)]
     progress: Option<Py<PyAny>>,
@@ -156,6 +174,31 @@ impl<'py> Replayed<'py> {
     fn options(&self) -> Options {
         let level = if self.portable { Level::Portable } else { Level::best() };
         Options { output: self.period.map_or(Output::Every(self.every), Output::Period), level }
+    }
+
+    fn gyro(&self, timing: GyroTiming) -> PyResult<GyroSeries<'_>> {
+        let (t, rate) = (flat(&self.gyro_t, "gyro time")?, rows(&self.gyro_rate, "gyro rates")?);
+        Ok(GyroSeries { t, rate, turn: self.gyro_turn, timing })
+    }
+
+    /// Memory for the rows, of what is to be kept.
+    fn arrays(&self, py: Python<'py>, rows: Rows) -> PyResult<(States<'py>, Reports<'py>)> {
+        let (reports, innovations) = match self.innovations.as_str() {
+            "full" => (rows.measured, rows.measured),
+            "nis" => (rows.measured, 0),
+            _ => (0, 0),
+        };
+        let both = |rows: Rows| {
+            let states = States::new(py, rows.output, self.covariance)?;
+            Ok((states, Reports::new(py, reports, innovations)?))
+        };
+        both(rows).map_err(|e: PyErr| {
+            if !e.is_instance_of::<PyMemoryError>(py) {
+                return e;
+            }
+            let message = "output rows do not fit into memory: ask for fewer, by every or period";
+            input(py, &format!("{} {message}", rows.output))
+        })
     }
 
     /// Calls `job` with all that it needs while other Python threads run, and returns what it has written
@@ -168,37 +211,36 @@ impl<'py> Replayed<'py> {
         job: impl Send + FnOnce(Log<'_>, &Begin, &Options, Columns<'_>, Measured<'_>, Poll<'_>) -> Result<R, Error>,
     ) -> PyResult<(Bound<'py, PyDict>, R)> {
         let model = self.setup.model(py)?;
-        let timing = self.setup.timing(py)?;
-        let gyro =
-            GyroSeries { t: flat(&self.gyro_t, "gyro time")?, rate: rows(&self.gyro_rate, "gyro rates")?, timing };
+        let gyro = self.gyro(self.setup.timing(py)?)?;
         let borrowed = self.sensors.iter().map(Sensor::new).collect::<PyResult<Vec<_>>>()?;
         let series = borrowed.iter().map(Sensor::series).collect::<PyResult<Vec<_>>>()?;
         let sensors = AttitudeSensors::new(&series, self.setup.gate).map_err(|e| raise(py, e))?;
         let start = self.begin(py, &gyro, &sensors, &model, aligned)?;
         let options = self.options();
         let rows = rows_of(&gyro, &sensors, &start, options.output).map_err(|e| raise(py, e))?;
-        let arrays = Arrays::new(py, rows, self.covariance).map_err(|e| {
-            if !e.is_instance_of::<PyMemoryError>(py) {
-                return e;
-            }
-            let message = "output rows do not fit into memory: ask for fewer, by every or period";
-            input(py, &format!("{} {message}", rows.output))
-        })?;
+        let (states, reports) = self.arrays(py, rows)?;
         let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
         let progress = self.progress.as_ref().map(|p| p.clone_ref(py));
         let mut listener = Listener::new(progress, passes * gyro.t.len());
-        let (end, elapsed) = arrays.write(|columns, measured| {
-            let listener = &mut listener;
-            py.detach(|| {
-                let began = Instant::now();
-                let mut poll = |k: usize| listener.poll(k);
-                let end = job(log, &start, &options, columns, measured, &mut poll);
-                (end, began.elapsed().as_secs_f64())
+        let written = states.write(|columns| {
+            reports.write(|measured| {
+                let listener = &mut listener;
+                py.detach(|| {
+                    let began = Instant::now();
+                    let mut poll = |k: usize| listener.poll(k);
+                    let end = job(log, &start, &options, columns, measured, &mut poll);
+                    (end, began.elapsed().as_secs_f64())
+                })
             })
         })?;
+        let ((end, elapsed), tally) = written?;
         listener.finish()?;
         let end = end.map_err(|e| raise(py, e))?;
-        let out = arrays.into_dict(py)?;
+        let out = PyDict::new(py);
+        states.into_dict(&out)?;
+        reports.into_dict(&out)?;
+        out.set_item("tally", (tally.accepted, tally.rejected, tally.unused))?;
+        out.set_item("gaps", table(py, gaps(gyro.t, gyro.timing.max_gap))?)?;
         out.set_item("start_fix", start.used.map(|i| sensors.source(i)))?;
         out.set_item("elapsed_s", elapsed)?;
         Ok((out, end))
@@ -221,7 +263,7 @@ impl<'py> Replayed<'py> {
             },
             None => {
                 // a camera whose alignment is not known tells no attitude to start from
-                let known = sensors.without(aligned);
+                let known = sensors.without(aligned).map_err(|e| raise(py, e))?;
                 let mut start =
                     first_fix(gyro, &known, model, self.bias0, self.bias_sigma).map_err(|e| raise(py, e))?;
                 start.used = start.used.and_then(|i| sensors.find(known.source(i)));
@@ -286,7 +328,14 @@ fn finish(
     out.set_item("final_bias", PyArray1::from_slice(py, &mean.bias))
 }
 
+/// Longest step between times that is no gap: so many median steps; infinity where none is longer.
+#[pyfunction]
+fn longest_step(t: Array<'_>, medians: f64) -> PyResult<f64> {
+    Ok(gap_limit(flat(&t, "time")?, medians))
+}
+
 pub(crate) fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(replay, m)?)?;
+    m.add_function(wrap_pyfunction!(longest_step, m)?)?;
     m.add_function(wrap_pyfunction!(calibrate, m)?)
 }

@@ -1,13 +1,21 @@
 //! The attitude filter, one sample at a time.
 
-use crate::convert::{Array, as_rows, matrices, matrix6, rows, table};
+use crate::columns::States;
+use crate::convert::{Array, as_rows, flat, matrices, matrix6, rows, table};
 use crate::errors::{input, raise};
+use crate::listener::Listener;
 use crate::replay::Setup;
-use celestcore_core::attitude::{Attitude, GyroInput, PastStep, Reference, Snapshot, Stream};
+use celestcore_core::attitude::{
+    Attitude, Columns, GyroInput, PastStep, Reference, Samples, Snapshot, Stream, Times, turned,
+};
 use celestcore_core::linalg::Matrix;
 use celestcore_core::replay::{MAX_DOF, Report};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// Samples from which on other Python threads may run while a block is worked on: some 0.1 ms.
+const LARGE: usize = 512;
 
 /// What an update did.
 #[pyclass(frozen, module = "celestcore._core")]
@@ -83,10 +91,40 @@ impl AttitudeStream {
     fn predict(&mut self, py: Python<'_>, t: f64, rate: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut rate = three(rate)?;
         if let Some(m) = &self.to_body {
-            let row = |i: usize| m[3 * i] * rate[0] + m[3 * i + 1] * rate[1] + m[3 * i + 2] * rate[2];
-            rate = [row(0), row(1), row(2)];
+            rate = turned(m, &rate);
         }
         self.stream.predict(t, &rate).map_err(|e| raise(py, e))
+    }
+
+    /// Feeds a block of gyro samples taken at times `t`, or `dt` after each other, or all one `step`; returns
+    /// the columns after every n-th.
+    #[pyo3(signature = (rates, t, dt, step, every, covariance))]
+    #[expect(clippy::too_many_arguments, reason = "called by the Python package alone")]
+    fn _process<'py>(
+        &mut self,
+        py: Python<'py>,
+        rates: Array<'py>,
+        t: Option<Array<'py>>,
+        dt: Option<Array<'py>>,
+        step: f64,
+        every: Option<usize>,
+        covariance: bool,
+    ) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let times = match (&t, &dt) {
+            (Some(t), _) => Times::At(flat(t, "t")?),
+            (None, Some(dt)) => Times::After(flat(dt, "dt")?),
+            (None, None) => Times::Every(step),
+        };
+        let samples = Samples { times, rate: rows(&rates, "rates")?, turn: self.to_body };
+        let Some(every) = every else {
+            self.feed(py, &samples, usize::MAX, Columns::default())?;
+            return Ok(None);
+        };
+        let states = States::new(py, samples.rate.len() / every.max(1), covariance)?;
+        states.write(|columns| self.feed(py, &samples, every, columns))??;
+        let out = PyDict::new(py);
+        states.into_dict(&out)?;
+        Ok(Some(out))
     }
 
     fn update_star(&mut self, py: Python<'_>, t: f64, q: [f64; 4], noise: [f64; 6]) -> PyResult<Update> {
@@ -152,6 +190,17 @@ impl AttitudeStream {
     }
 }
 
+impl AttitudeStream {
+    fn feed(&mut self, py: Python<'_>, samples: &Samples<'_>, every: usize, columns: Columns<'_>) -> PyResult<()> {
+        let (n, stream) = (samples.rate.len(), &mut self.stream);
+        let mut listener = Listener::new(None, n + 1);
+        let job = || stream.process(samples, every, columns, &mut |k| listener.poll(k));
+        let done = if n < LARGE { job() } else { py.detach(job) };
+        listener.finish()?;
+        done.map_err(|e| raise(py, e))
+    }
+}
+
 type Sample = (f64, [f64; 3]);
 type Parts<'py> = (f64, [f64; 4], [f64; 3], Bound<'py, PyAny>, Option<Sample>, usize, Bound<'py, PyAny>);
 type Given<'py> = (f64, [f64; 4], [f64; 3], Array<'py>, Option<Sample>, usize, Array<'py>);
@@ -183,12 +232,14 @@ fn unpacked(row: &[f64; PAST]) -> PastStep {
 
 /// Three numbers: fast from a float64 array, else from any sequence.
 fn three(x: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
-    if let Ok(array) = x.cast::<PyArray1<f64>>() {
-        let array = array.try_readonly()?;
-        let view = array.as_array();
-        if view.len() == 3 {
-            return Ok([view[0], view[1], view[2]]);
+    if let Ok(array) = x.cast::<PyArray1<f64>>()
+        && let (Some(x), Some(y), Some(z), None) = {
+            // one by one: to borrow the array would cost more than all the rest
+            let at = |i: usize| array.get_owned(i);
+            (at(0), at(1), at(2), at(3))
         }
+    {
+        return Ok([x, y, z]);
     }
     x.extract::<[f64; 3]>().map_err(|_| {
         let shown = x.repr().map_or_else(|_| x.get_type().to_string(), |r| r.to_string());

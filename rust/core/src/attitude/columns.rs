@@ -3,7 +3,7 @@
 use super::series::{AttitudeSensors, GyroSeries};
 use super::state::AttitudeBias;
 use crate::error::{Error, Result};
-use crate::replay::{MAX_DOF, Output, Start};
+use crate::replay::{MAX_DOF, Output, Report, Start};
 
 /// Columns over the output times, to be written. All have [`Rows::output`] rows.
 #[derive(Debug, Default)]
@@ -22,7 +22,7 @@ pub struct Columns<'a> {
     pub covariance: &'a mut [[[f64; 6]; 6]],
 }
 
-/// Columns over the measurements, to be written. All have [`Rows::measured`] rows.
+/// Columns over the measurements, to be written. Each has [`Rows::measured`] rows, or none if it is not wanted.
 #[derive(Debug, Default)]
 pub struct Measured<'a> {
     /// Times, s.
@@ -41,6 +41,30 @@ pub struct Measured<'a> {
     pub innovation: &'a mut [[f64; MAX_DOF]],
     /// Their standard deviations, rad.
     pub innovation_sigma: &'a mut [[f64; MAX_DOF]],
+    /// What became of them all, whether columns are written or not.
+    pub tally: Option<&'a mut Tally>,
+}
+
+/// What became of a run's measurements.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Inside the gate and used.
+    pub accepted: usize,
+    /// Outside the gate.
+    pub rejected: usize,
+    /// Left alone by a filter that has no use for them.
+    pub unused: usize,
+}
+
+impl Tally {
+    /// Counts one.
+    #[inline(always)]
+    pub(super) fn add(&mut self, report: &Report) {
+        let outside = !report.accepted && report.nis > 0.0;
+        self.accepted += usize::from(report.accepted);
+        self.rejected += usize::from(outside);
+        self.unused += usize::from(!report.accepted && !outside);
+    }
 }
 
 /// How many rows a run writes, exactly.
@@ -63,8 +87,8 @@ pub fn rows(
     output: Output,
 ) -> Result<Rows> {
     let last = gyro.t.last().copied().unwrap_or(start.t);
-    let inside = |i: usize| sensors.time(i) >= start.t && sensors.time(i) <= last;
-    let measured = (0..sensors.len()).filter(|i| inside(*i) && start.used != Some(*i)).count();
+    let inside = |i: &usize| *i < sensors.len() && sensors.time(*i) >= start.t && sensors.time(*i) <= last;
+    let measured = sensors.count(start.t, last) - usize::from(start.used.as_ref().is_some_and(inside));
     Ok(Rows { output: output_rows(gyro.t, start.t, last, output)?, measured })
 }
 
@@ -123,6 +147,8 @@ pub struct Buffers {
     pub innovation: Vec<[f64; MAX_DOF]>,
     /// See [`Measured::innovation_sigma`].
     pub innovation_sigma: Vec<[f64; MAX_DOF]>,
+    /// See [`Measured::tally`].
+    pub tally: Tally,
 }
 
 impl Buffers {
@@ -142,6 +168,7 @@ impl Buffers {
             accepted: vec![false; m],
             innovation: vec![[0.0; MAX_DOF]; m],
             innovation_sigma: vec![[0.0; MAX_DOF]; m],
+            tally: Tally::default(),
         }
     }
 
@@ -165,6 +192,7 @@ impl Buffers {
             accepted: &mut self.accepted,
             innovation: &mut self.innovation,
             innovation_sigma: &mut self.innovation_sigma,
+            tally: Some(&mut self.tally),
         };
         (columns, measured)
     }

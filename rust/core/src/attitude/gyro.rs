@@ -1,13 +1,12 @@
 //! Attitude kinematics driven by a rate gyro.
 
-use super::state::{Attitude, AttitudeBias};
+use super::state::{Attitude, AttitudeBias, of_blocks};
 use crate::error::{Error, Result};
-use crate::linalg::{
-    Matrix, Vector, add, block, congruence, dot, from_fn, identity, mul, set_block, symmetric, transpose, zeros,
-};
+use crate::linalg::{Matrix, Vector, add, block, identity, mul, set_block, transpose, zeros};
 use crate::manifold::Family;
 use crate::model::Dynamics;
-use crate::quaternion::{InSkew, Integrator, angle_coefficients, conjugate, exp, integrate, to_matrix};
+use crate::packed::Packed;
+use crate::quaternion::{self, Integrator, Quaternion, Turn, conjugate, multiply, renormalise};
 use crate::scalar::Real;
 
 /// Rate gyro `ω_measured = ω + b + white noise`, `db/dt = white noise`, and the attitude it drives.
@@ -54,6 +53,8 @@ impl Family for GyroInputs {
 
 /// Blocks of the exact discretisation over one step of rotation vector `φ = ω dt`.
 pub(super) struct Blocks<T: Real> {
+    /// Rotation of the body, by the integrator.
+    turn: Quaternion<T>,
     /// `exp(−[φ]×)`: attitude error to attitude error.
     rotation: Matrix<T, 3, 3>,
     /// `−dt J_r(φ)`: bias error to attitude error.
@@ -91,13 +92,17 @@ impl GyroModel {
 
     #[inline(always)]
     pub(super) fn blocks<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, dt: T) -> Blocks<T> {
-        let phi = rotation_vector(x, u, dt);
-        let skew = InSkew::new(&phi);
-        let [c1, c2, c3, c4] = angle_coefficients(skew.theta2());
+        let rotation = rotation_vector(x, u, dt);
+        let turn = Turn::new(&rotation);
+        let (skew, [c1, c2, c3, c4]) = (&turn.skew, turn.coefficients);
         let (arw2, rrw2) = (self.arw * self.arw, self.rrw * self.rrw);
         let (w2, w3) = (dt * dt * rrw2, dt * dt * dt * rrw2);
         Blocks {
-            rotation: to_matrix(&conjugate(&exp(&phi))),
+            turn: match self.integrator {
+                Integrator::Exponential => turn.q,
+                other @ Integrator::Rk4 => quaternion::turn(&rotation, other),
+            },
+            rotation: skew.matrix(T::one(), -turn.sinc, c1),
             coupling: skew.matrix(-dt, dt * c1, -(dt * c2)),
             noise_attitude: skew.even(w3.mul_add(T::splat(1.0 / 3.0), dt * (u.extra + T::splat(arw2))), w3 * c4),
             noise_cross: skew.matrix(w2 * -0.5, w2 * c2, -(w2 * c3)),
@@ -106,27 +111,46 @@ impl GyroModel {
     }
 }
 
+/// Angle that the body turns by in a step, as a vector.
 #[inline(always)]
 fn rotation_vector<T: Real>(x: &Attitude<T>, u: &GyroInput<T>, dt: T) -> Vector<T, 3> {
-    corrected_rate(x, u).map(
-        #[inline(always)]
-        |w| w * dt,
-    )
+    [(u.rate[0] - x.bias[0]) * dt, (u.rate[1] - x.bias[1]) * dt, (u.rate[2] - x.bias[2]) * dt]
 }
 
-/// Measured rate less the bias.
+/// The state after a turn of the body.
 #[inline(always)]
-fn corrected_rate<T: Real>(x: &Attitude<T>, u: &GyroInput<T>) -> Vector<T, 3> {
-    [u.rate[0] - x.bias[0], u.rate[1] - x.bias[1], u.rate[2] - x.bias[2]]
+fn turned<T: Real>(x: &Attitude<T>, turn: &Quaternion<T>) -> Attitude<T> {
+    Attitude { q: renormalise(&multiply(&x.q, turn)), bias: x.bias }
 }
 
 impl Dynamics<6> for GyroModel {
     type Space = AttitudeBias;
     type Input = GyroInputs;
+    /// The bias.
+    const STILL: usize = 3;
 
     #[inline(always)]
     fn step<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, _t: T, dt: T) -> Attitude<T> {
-        Attitude { q: integrate(&x.q, &corrected_rate(x, u), dt, self.integrator), bias: x.bias }
+        turned(x, &quaternion::turn(&rotation_vector(x, u, dt), self.integrator))
+    }
+
+    /// `log(p* ⊗ exp(δθ) ⊗ p')`, with the turns `p` of the state and `p'` of the displaced one: the attitude itself
+    /// drops out.
+    #[inline(always)]
+    fn displaced<T: Real>(
+        &self,
+        (x, image): (&Attitude<T>, &Attitude<T>),
+        d: &Vector<T, 6>,
+        u: &GyroInput<T>,
+        _t: T,
+        dt: T,
+    ) -> Vector<T, 6> {
+        let back = multiply(&conjugate(&image.q), &x.q);
+        let rate = rotation_vector(x, u, dt);
+        let rotation = [rate[0] - d[3] * dt, rate[1] - d[4] * dt, rate[2] - d[5] * dt];
+        let turn = quaternion::turn(&rotation, self.integrator);
+        let e = quaternion::log(&multiply(&multiply(&back, &quaternion::exp(&[d[0], d[1], d[2]])), &turn));
+        [e[0], e[1], e[2], d[3], d[4], d[5]]
     }
 
     #[inline(always)]
@@ -150,48 +174,42 @@ impl Dynamics<6> for GyroModel {
         x: &Attitude<T>,
         root: &Matrix<T, 6, 6>,
         u: &GyroInput<T>,
-        t: T,
+        _t: T,
         dt: T,
     ) -> (Attitude<T>, Matrix<T, 6, 6>, Matrix<T, 6, 6>) {
         let b = self.blocks(x, u, dt);
-        let turned: Matrix<T, 3, 6> = mul(&b.rotation, &block::<T, 6, 6, 3, 6>(root, 0, 0));
+        let turned_rows: Matrix<T, 3, 6> = mul(&b.rotation, &block::<T, 6, 6, 3, 6>(root, 0, 0));
         let coupled: Matrix<T, 3, 6> = mul(&b.coupling, &block::<T, 6, 6, 3, 6>(root, 3, 0));
         let mut image = *root;
-        set_block(&mut image, 0, 0, &add(&turned, &coupled));
-        (self.step(x, u, t, dt), image, b.noise())
+        set_block(&mut image, 0, 0, &add(&turned_rows, &coupled));
+        (turned(x, &b.turn), image, b.noise())
     }
 
-    /// `F P Fᵀ + Q` in 3×3 blocks; the rotation of the step serves mean and covariance.
+    /// `F P Fᵀ + Q` in 3×3 blocks.
     #[inline(always)]
     fn propagate<T: Real>(
         &self,
         x: &Attitude<T>,
         p: &Matrix<T, 6, 6>,
         u: &GyroInput<T>,
-        t: T,
+        _t: T,
         dt: T,
     ) -> (Attitude<T>, Matrix<T, 6, 6>) {
         let b = self.blocks(x, u, dt);
-        let attitude = congruence(&b.rotation, &block(p, 0, 0));
-        let bias: Matrix<T, 3, 3> = block(p, 3, 3);
-        let rotated: Matrix<T, 3, 3> = mul(&b.rotation, &block::<T, 6, 6, 3, 3>(p, 0, 3));
-        let coupled: Matrix<T, 3, 3> = mul(&b.coupling, &bias);
-        // G C Gᵀ + R B Gᵀ + G Bᵀ Rᵀ, halved so that the sum is symmetric to the last bit
-        let half: Matrix<T, 3, 3> = from_fn(|i, j| coupled[(i, j)].mul_add(T::splat(0.5), rotated[(i, j)]));
-        let attitude = symmetric::<T, 3>(|i, j| {
-            let added = dot::<T, 3>(|k| half[(i, k)], |k| b.coupling[(j, k)])
-                + dot::<T, 3>(|k| half[(j, k)], |k| b.coupling[(i, k)]);
-            attitude[(i, j)] + b.noise_attitude[(i, j)] + added
-        });
-        let cross: Matrix<T, 3, 3> = from_fn(|i, j| rotated[(i, j)] + coupled[(i, j)] + b.noise_cross[(i, j)]);
-        let mut cov = *p;
-        set_block(&mut cov, 0, 0, &attitude);
-        set_block(&mut cov, 0, 3, &cross);
-        set_block(&mut cov, 3, 0, &transpose(&cross));
-        for i in 3..6 {
-            cov[(i, i)] += b.noise_bias;
-        }
-        (self.step(x, u, t, dt), cov)
+        let (rotation, coupling) = (Packed::new(&b.rotation), Packed::new(&b.coupling));
+        // the upper half of F P: rows of the attitude, columns of attitude and bias
+        let left = Packed::<T, 3, 3>::product::<3>(&rotation, |k, j| p[(k, j)]).plus(&coupling, |k, j| p[(k + 3, j)]);
+        let right =
+            Packed::<T, 3, 3>::product::<3>(&rotation, |k, j| p[(k, j + 3)]).plus(&coupling, |k, j| p[(k + 3, j + 3)]);
+        let attitude = Packed::new(&b.noise_attitude)
+            .plus(&left, |k, j| b.rotation[(j, k)])
+            .plus(&right, |k, j| b.coupling[(j, k)]);
+        let bias = |i: usize, j: usize| {
+            let old = p[(i + 3, j + 3)];
+            if i == j { old + b.noise_bias } else { old }
+        };
+        let cov = of_blocks(&attitude, &right.add(&Packed::new(&b.noise_cross)), bias);
+        (turned(x, &b.turn), cov)
     }
 }
 

@@ -11,7 +11,7 @@ use super::system::{Seen, System};
 use crate::belief::Belief;
 use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, Iterated, SrUkf, Ukf};
-use crate::replay::{Drive, End, MAX_DOF, Output, Recorder, Replay, Report, Sink, Start, smooth as back};
+use crate::replay::{Drive, End, Output, Recorder, Replay, Report, Sink, Start, smooth as back};
 use crate::scalar::{Baseline, Level, Real, Run, Runner};
 
 /// The filters, chosen at run time, once per run.
@@ -67,9 +67,9 @@ impl<Y> Writer<'_, Y> {
     #[inline(always)]
     fn rate(&self, t: f64, k: usize) -> [f64; 3] {
         match self.gyro.t.get(k + 1) {
-            Some(next) if t >= *next => self.gyro.rate[k + 1],
+            Some(next) if t >= *next => self.gyro.at(k + 1),
             _ if t > self.gyro.t[k] => self.gyro.between(k).rate,
-            _ => self.gyro.rate[k],
+            _ => self.gyro.at(k),
         }
     }
 }
@@ -112,18 +112,31 @@ impl<Y: System<N>, const N: usize> Sink<Y::Space, N> for Writer<'_, Y> {
     fn measured(&mut self, i: usize, report: &Report) {
         let n = self.reports;
         self.reports += 1;
-        let (sensor, row) = self.sensors.source(i);
         let m = &mut self.measured;
-        m.t[n] = self.sensors.sensors()[sensor].times()[row];
-        m.sensor[n] = sensor as i32;
-        m.row[n] = row as i32;
-        m.dof[n] = report.dof as i32;
-        m.nis[n] = report.nis;
-        m.accepted[n] = report.accepted;
-        m.innovation[n] = report.innovation;
-        for i in 0..MAX_DOF {
-            m.innovation_sigma[n][i] = report.covariance[i][i].sqrt();
+        if let Some(tally) = &mut m.tally {
+            tally.add(report);
         }
+        if n < m.t.len() {
+            let (sensor, row) = self.sensors.source(i);
+            m.t[n] = self.sensors.sensors()[sensor].times()[row];
+            write(m.sensor, n, sensor as i32);
+            write(m.row, n, row as i32);
+        }
+        write(m.dof, n, report.dof as i32);
+        write(m.nis, n, report.nis);
+        write(m.accepted, n, report.accepted);
+        write(m.innovation, n, report.innovation);
+        if n < m.innovation_sigma.len() {
+            m.innovation_sigma[n] = std::array::from_fn(|i| report.covariance[i][i].sqrt());
+        }
+    }
+}
+
+/// Writes one row of a column, if it is wanted.
+#[inline(always)]
+fn write<T>(column: &mut [T], row: usize, value: T) {
+    if let Some(to) = column.get_mut(row) {
+        *to = value;
     }
 }
 
@@ -197,7 +210,7 @@ pub fn calibrate<'a>(
     let n = log.gyro.t.len();
     let every = Options { output: Output::Every(1), ..*options };
     let first = {
-        let guide = smoothed_rates(calibration, log, start, &every, log.gyro.rate, poll)?;
+        let guide = smoothed_rates(calibration, log, start, &every, poll)?;
         let drive = GuidedSeries { gyro: log.gyro, guide: &guide };
         let mut memory = Buffers::new(rows(log.gyro, log.sensors, start, every.output)?, false);
         let (columns, measured) = memory.columns();
@@ -205,8 +218,9 @@ pub fn calibrate<'a>(
         let call = Call { log, start, options: &every, columns, measured, poll, back: false };
         call.pass(Baseline, &Ekf::default(), calibration, &drive)?.mean
     };
-    let rate: Vec<[f64; 3]> = log.gyro.rate.iter().map(|rate| first.corrected(rate)).collect();
-    let guide = smoothed_rates(calibration, log, start, &every, &rate, &mut |k| poll(3 * n + k))?;
+    let rate: Vec<[f64; 3]> = (0..n).map(|k| first.corrected(&log.gyro.at(k))).collect();
+    let corrected = Log { gyro: &GyroSeries { rate: &rate, turn: None, ..*log.gyro }, ..log };
+    let guide = smoothed_rates(calibration, corrected, start, &every, &mut |k| poll(3 * n + k))?;
     let drive = GuidedSeries { gyro: log.gyro, guide: &guide };
     let poll = &mut |k| poll(5 * n + k);
     let call = Call { log, start, options, columns, measured, poll, back: false };
@@ -214,25 +228,23 @@ pub fn calibrate<'a>(
     call.pass(Baseline, &Ekf::default(), calibration, &drive)
 }
 
-/// Rates of the smoothed attitude that gyro readings `rate` and the cameras of known alignment give.
+/// Rates of the smoothed attitude that the gyro and the cameras of known alignment give.
 fn smoothed_rates(
     calibration: &Calibration,
     log: Log<'_>,
     start: &Start<AttitudeBias, 6>,
     options: &Options,
-    rate: &[[f64; 3]],
     poll: &mut dyn FnMut(usize) -> Result<()>,
 ) -> Result<Vec<[f64; 3]>> {
-    let gyro = GyroSeries { rate, ..*log.gyro };
-    let sensors = log.sensors.without(calibration.aligned);
+    let (gyro, sensors) = (log.gyro, log.sensors.without(calibration.aligned)?);
     let used = start.used.and_then(|i| sensors.find(log.sensors.source(i)));
     let start = Start { used, ..*start };
-    let mut memory = Buffers::new(rows(&gyro, &sensors, &start, options.output)?, false);
+    let mut memory = Buffers::new(rows(gyro, &sensors, &start, options.output)?, false);
     let (columns, measured) = memory.columns();
-    let log = Log { gyro: &gyro, sensors: &sensors, ..log };
+    let log = Log { sensors: &sensors, ..log };
     smooth(&AnyFilter::Ekf(Ekf::default()), log, &start, options, columns, measured, poll)?;
     let first = gyro.t.partition_point(|t| *t <= start.t).saturating_sub(1);
-    Ok(guide(&gyro, first, &memory.t, &memory.q))
+    Ok(guide(gyro, first, &memory.t, &memory.q))
 }
 
 /// One call of [`run`], [`smooth`] or [`calibrate`].
@@ -275,7 +287,7 @@ impl Call<'_, '_> {
         }
         let lengths =
             [m.t.len(), m.sensor.len(), m.row.len(), m.dof.len(), m.nis.len(), m.accepted.len(), m.innovation.len()];
-        for found in lengths.into_iter().chain([m.innovation_sigma.len()]) {
+        for found in lengths.into_iter().chain([m.innovation_sigma.len()]).filter(|found| *found > 0) {
             same("measurement column", found, rows.measured)?;
         }
         Ok(())

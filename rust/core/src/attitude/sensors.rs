@@ -28,6 +28,7 @@ impl Measurement<6, 3> for StarQuaternion {
     /// Covariance of the attitude error in the body frame, rad².
     type Given = Symmetric3;
     type Value = UnitQuaternion;
+    const DIRECT: bool = true;
 
     #[inline(always)]
     fn predict<T: Real>(&self, x: &Attitude<T>, _: &[T; 6]) -> Quaternion<T> {
@@ -49,6 +50,11 @@ impl Measurement<6, 3> for StarQuaternion {
     #[inline(always)]
     fn project<T: Real, const R: usize>(&self, _: &Matrix<T, 3, 6>, a: &Matrix<T, R, 6>) -> Matrix<T, R, 3> {
         from_fn(|i, j| a[(i, j)])
+    }
+    /// The residual of `q ⊗ exp(δθ)` is `δθ` itself, up to half a turn.
+    #[inline(always)]
+    fn linear<T: Real>(&self, p: &Matrix<T, 6, 6>, c: f64) -> bool {
+        T::splat(9.0).gt((p[(0, 0)] + p[(1, 1)] + p[(2, 2)]) * c).all()
     }
 }
 

@@ -1,10 +1,13 @@
 //! A log's columns as what drives and corrects a replay.
 
 use super::gyro::{GyroInput, GyroInputs, GyroTiming};
+use super::merge::Order;
+use super::sensors::Reference;
 use crate::consistency::chi2_quantile;
 use crate::error::{Error, Result};
 use crate::manifold::Family;
 use crate::model::Dynamics;
+use crate::quaternion::{Quaternion, conjugate, multiply, to_matrix};
 use crate::replay::{Drive, MAX_DOF};
 use crate::scalar::Real;
 
@@ -13,18 +16,33 @@ use crate::scalar::Real;
 pub struct GyroSeries<'a> {
     /// Times, s.
     pub t: &'a [f64],
-    /// Measured rates in the body frame, rad/s.
+    /// Measured rates, rad/s.
     pub rate: &'a [[f64; 3]],
+    /// From measured rates to rates of the body, row by row; by default they are rates of the body.
+    pub turn: Option<[f64; 9]>,
     /// What a sample says of the time between samples.
     pub timing: GyroTiming,
 }
 
+/// A matrix, row by row, times a vector: term by term, to the same bits wherever it is compiled.
+#[inline(always)]
+pub fn turned(m: &[f64; 9], v: &[f64; 3]) -> [f64; 3] {
+    let row = |i: usize| m[3 * i] * v[0] + m[3 * i + 1] * v[1] + m[3 * i + 2] * v[2];
+    [row(0), row(1), row(2)]
+}
+
 impl GyroSeries<'_> {
+    /// Rate of sample `k` in the body frame.
+    #[inline(always)]
+    pub fn at(&self, k: usize) -> [f64; 3] {
+        self.turn.as_ref().map_or(self.rate[k], |turn| turned(turn, &self.rate[k]))
+    }
+
     /// Input between samples `k` and `k + 1`.
     #[inline(always)]
     pub fn between(&self, k: usize) -> GyroInput<f64> {
         let next = (k + 1).min(self.t.len() - 1);
-        self.timing.between(&self.rate[k], &self.rate[next], self.t[next] - self.t[k])
+        self.timing.between(&self.at(k), &self.at(next), self.t[next] - self.t[k])
     }
 }
 
@@ -39,15 +57,83 @@ impl<D: Dynamics<N, Input = GyroInputs>, const N: usize> Drive<D, N> for GyroSer
     }
 }
 
+/// Covariance of the error of a camera's fixes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FixNoise<'a> {
+    /// The same for all, in the body frame, rad²: `(xx, xy, xz, yy, yz, zz)`.
+    Same([f64; 6]),
+    /// One for each, in the body frame, rad².
+    Each(&'a [[f64; 6]]),
+    /// Standard deviations of each about the camera's axes, rad.
+    Sigma(&'a [[f64; 3]]),
+    /// Covariance of each in the camera's frame, rad².
+    Covariance(&'a [[[f64; 3]; 3]]),
+}
+
+impl<'a> From<&'a [[f64; 6]]> for FixNoise<'a> {
+    fn from(each: &'a [[f64; 6]]) -> Self {
+        Self::Each(each)
+    }
+}
+
 /// Fixes of one star camera.
 #[derive(Clone, Copy, Debug)]
 pub struct StarSeries<'a> {
     /// Times, s.
     pub t: &'a [f64],
-    /// Measured attitudes `q_ib`, unit quaternions of either sign.
+    /// Measured attitudes, unit quaternions of either sign: camera to inertial.
     pub q: &'a [[f64; 4]],
-    /// Covariance of each in the body frame, rad²: `(xx, xy, xz, yy, yz, zz)`.
-    pub noise: &'a [[f64; 6]],
+    /// Their noise.
+    pub noise: FixNoise<'a>,
+    /// Camera to body, `q_bc`; by default the camera's frame is the body's.
+    pub mounting: Option<Quaternion<f64>>,
+}
+
+impl StarSeries<'_> {
+    /// Attitude `q_ib` of a fix and the covariance of its error in the body frame.
+    #[inline(always)]
+    pub fn fix(&self, row: usize) -> ([f64; 4], [f64; 6]) {
+        let q = self.mounting.map_or(self.q[row], |m| multiply(&self.q[row], &conjugate(&m)));
+        let noise = match self.noise {
+            FixNoise::Same(noise) => noise,
+            FixNoise::Each(noise) => noise[row],
+            FixNoise::Sigma(sigma) => {
+                let v = sigma[row].map(|s| s * s);
+                self.of_body(&[v[0], 0.0, 0.0, 0.0, v[1], 0.0, 0.0, 0.0, v[2]])
+            }
+            FixNoise::Covariance(c) => {
+                let c = &c[row];
+                self.of_body(&[c[0][0], c[0][1], c[0][2], c[1][0], c[1][1], c[1][2], c[2][0], c[2][1], c[2][2]])
+            }
+        };
+        (q, noise)
+    }
+
+    /// `R C Rᵀ`, packed: a sum over the nine entries of `C`, in their order.
+    #[inline(always)]
+    fn of_body(&self, c: &[f64; 9]) -> [f64; 6] {
+        let Some(m) = &self.mounting else { return [c[0], c[1], c[2], c[4], c[5], c[8]] };
+        let turn = to_matrix(m);
+        [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(
+            #[inline(always)]
+            |(i, j)| {
+                let mut sum = 0.0;
+                for k in 0..9 {
+                    sum += c[k] * (turn[(i, k / 3)] * turn[(j, k % 3)]);
+                }
+                sum
+            },
+        )
+    }
+
+    fn noise_rows(&self) -> usize {
+        match self.noise {
+            FixNoise::Same(_) => self.t.len(),
+            FixNoise::Each(x) => x.len(),
+            FixNoise::Sigma(x) => x.len(),
+            FixNoise::Covariance(x) => x.len(),
+        }
+    }
 }
 
 /// Directions seen by one sensor.
@@ -55,12 +141,31 @@ pub struct StarSeries<'a> {
 pub struct DirectionSeries<'a> {
     /// Times, s.
     pub t: &'a [f64],
-    /// Measured unit vectors, body frame.
+    /// Measured unit vectors, sensor frame.
     pub body: &'a [[f64; 3]],
     /// Reference unit vectors, inertial frame.
     pub inertial: &'a [[f64; 3]],
-    /// Standard deviations, rad.
+    /// Standard deviations, rad: one for each, or one for all.
     pub sigma: &'a [f64],
+    /// Sensor to body, row by row, and the result scaled to a unit vector; by default nothing is done.
+    pub turn: Option<[f64; 9]>,
+}
+
+impl DirectionSeries<'_> {
+    /// A unit vector of the body frame, and what is known of it beforehand.
+    #[inline(always)]
+    pub fn sight(&self, row: usize) -> ([f64; 3], Reference<f64>) {
+        let body = match &self.turn {
+            None => self.body[row],
+            Some(turn) => {
+                let v = turned(turn, &self.body[row]);
+                let norm = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+                v.map(|c| c / norm)
+            }
+        };
+        let sigma = if let [sigma] = self.sigma { *sigma } else { self.sigma[row] };
+        (body, Reference { inertial: self.inertial[row], sigma })
+    }
 }
 
 /// One sensor's samples.
@@ -89,12 +194,12 @@ impl AttitudeSensor<'_> {
         match self {
             Self::Star(s) => {
                 same("star quaternions", s.q.len(), n)?;
-                same("star noise", s.noise.len(), n)?;
+                same("star noise", s.noise_rows(), n)?;
             }
             Self::Direction(s) => {
                 same("body vectors", s.body.len(), n)?;
                 same("inertial vectors", s.inertial.len(), n)?;
-                same("vector sigma", s.sigma.len(), n)?;
+                same("vector sigma", if s.sigma.len() == 1 { n } else { s.sigma.len() }, n)?;
             }
         }
         for (row, pair) in self.times().windows(2).enumerate() {
@@ -111,7 +216,8 @@ impl AttitudeSensor<'_> {
 #[derive(Clone, Debug)]
 pub struct AttitudeSensors<'a> {
     sensors: &'a [AttitudeSensor<'a>],
-    order: Vec<(u32, u32)>,
+    order: Order,
+    left_out: Option<usize>,
     gates: [f64; MAX_DOF],
 }
 
@@ -122,46 +228,57 @@ impl<'a> AttitudeSensors<'a> {
     /// # Errors
     /// Columns of different length, times that do not increase, a probability outside (0, 1].
     pub fn new(sensors: &'a [AttitudeSensor<'a>], gate: f64) -> Result<Self> {
-        let rows: usize = sensors.iter().map(|s| s.times().len()).sum();
-        let mut order = Vec::with_capacity(rows);
-        for (i, sensor) in sensors.iter().enumerate() {
+        for sensor in sensors {
             sensor.check()?;
-            order.extend((0..sensor.times().len()).map(|row| (i as u32, row as u32)));
         }
-        // stable: at equal times the order of the sensors stands; merging sorted runs is fast
-        order.sort_by(|a: &(u32, u32), b| {
-            let time = |(i, row): &(u32, u32)| sensors[*i as usize].times()[*row as usize];
-            time(a).total_cmp(&time(b))
-        });
-        Ok(Self { sensors, order, gates: gates(gate)? })
+        Ok(Self { sensors, order: order(sensors, None)?, left_out: None, gates: gates(gate)? })
     }
 
     /// The same without the fixes of one sensor; numbers of sensors stay.
-    pub fn without(&self, sensor: Option<usize>) -> Self {
-        let mut other = self.clone();
-        other.order.retain(|(i, _)| Some(*i as usize) != sensor);
-        other
+    ///
+    /// # Errors
+    /// Too many sensors.
+    pub fn without(&self, sensor: Option<usize>) -> Result<Self> {
+        Ok(Self { order: order(self.sensors, sensor)?, left_out: sensor, ..*self })
     }
 
     /// Which measurement is this row of this sensor.
     pub fn find(&self, (sensor, row): (usize, usize)) -> Option<usize> {
-        self.order.iter().position(|(i, k)| (*i as usize, *k as usize) == (sensor, row))
+        let t = *self.sensors.get(sensor)?.times().get(row)?;
+        // those of one time come together, one of each sensor
+        let (mut low, mut high) = (0, self.len());
+        while low < high {
+            let middle = low.midpoint(high);
+            if self.time(middle) < t { low = middle + 1 } else { high = middle }
+        }
+        (low..self.len()).take_while(|i| self.time(*i) == t).find(|i| self.source(*i) == (sensor, row))
+    }
+
+    /// How many measurements lie between two times, both included.
+    pub fn count(&self, from: f64, to: f64) -> usize {
+        let kept = |s: &usize| Some(*s) != self.left_out;
+        let inside = |s: usize| {
+            let times = self.sensors[s].times();
+            times.partition_point(|t| *t <= to).saturating_sub(times.partition_point(|t| *t < from))
+        };
+        (0..self.sensors.len()).filter(kept).map(inside).sum()
     }
 
     /// Sensor and row of the i-th measurement in order of time.
+    #[inline(always)]
     pub fn source(&self, i: usize) -> (usize, usize) {
-        let (sensor, row) = self.order[i];
-        (sensor as usize, row as usize)
+        self.order.source(i)
     }
 
     /// How many measurements there are.
+    #[inline(always)]
     pub fn len(&self) -> usize {
         self.order.len()
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.order.is_empty()
+        self.len() == 0
     }
 
     /// Time of the i-th measurement, s.
@@ -180,6 +297,13 @@ impl<'a> AttitudeSensors<'a> {
     pub fn sensors(&self) -> &[AttitudeSensor<'a>] {
         self.sensors
     }
+}
+
+/// The order of all sensors but one.
+fn order(sensors: &[AttitudeSensor<'_>], without: Option<usize>) -> Result<Order> {
+    let times: Vec<Option<&[f64]>> =
+        sensors.iter().enumerate().map(|(i, s)| (Some(i) != without).then(|| s.times())).collect();
+    Order::new(&times)
 }
 
 /// Gates for one to [`MAX_DOF`] degrees of freedom.

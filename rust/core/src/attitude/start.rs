@@ -140,7 +140,8 @@ fn candidates(gyro: &GyroSeries<'_>, sensors: &AttitudeSensors<'_>, bias: &[f64;
         if let Some(last) = fixes.last() {
             turned = multiply(&turned, &turn(gyro, last.t, t, bias));
         }
-        fixes.push(Fix { measurement, t, q: star.q[row], noise: star.noise[row], turned });
+        let (q, noise) = star.fix(row);
+        fixes.push(Fix { measurement, t, q, noise, turned });
     }
     fixes
 }

@@ -1,7 +1,8 @@
 //! Attitude and gyro bias.
 
-use crate::linalg::{Matrix, Vector, block, congruence, identity, mul, set_block, transpose};
+use crate::linalg::{Matrix, Vector, block, dot, identity, mul, set_block, symmetric};
 use crate::manifold::{Family, Manifold};
+use crate::packed::Packed;
 use crate::quaternion::{self, Quaternion, right_jacobian, right_jacobian_inverse};
 use crate::scalar::Real;
 
@@ -61,6 +62,16 @@ impl Manifold<6> for AttitudeBias {
         carried(&right_jacobian_inverse(&[d[0], d[1], d[2]]), p)
     }
     #[inline(always)]
+    fn carry_columns<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>, columns: &mut [Vector<T::Pack, 6>]) {
+        let turn = right_jacobian(&[d[0], d[1], d[2]]);
+        for column in columns {
+            let old = *column;
+            for i in 0..3 {
+                column[i] = dot::<T::Pack, 3>(|k| turn[(i, k)].stack(), |k| old[k]);
+            }
+        }
+    }
+    #[inline(always)]
     fn transport_factor<T: Real>(_: &Attitude<T>, d: &Vector<T, 6>, l: &Matrix<T, 6, 6>) -> Matrix<T, 6, 6> {
         let turn = right_jacobian(&[d[0], d[1], d[2]]);
         let top: Matrix<T, 3, 6> = mul(&turn, &block::<T, 6, 6, 3, 6>(l, 0, 0));
@@ -73,13 +84,28 @@ impl Manifold<6> for AttitudeBias {
 /// A covariance after a linear map of the attitude error.
 #[inline(always)]
 fn carried<T: Real>(turn: &Matrix<T, 3, 3>, p: &Matrix<T, 6, 6>) -> Matrix<T, 6, 6> {
-    let attitude = congruence(turn, &block(p, 0, 0));
-    let cross: Matrix<T, 3, 3> = mul(turn, &block::<T, 6, 6, 3, 3>(p, 0, 3));
-    let mut out = *p;
-    set_block(&mut out, 0, 0, &attitude);
-    set_block(&mut out, 0, 3, &cross);
-    set_block(&mut out, 3, 0, &transpose(&cross));
-    out
+    let packed = Packed::new(turn);
+    let top = Packed::<T, 3, 6>::product::<3>(&packed, |k, j| p[(k, j)]);
+    let attitude = Packed::<T, 3, 3>::product::<3>(&top.block(0), |k, j| turn[(j, k)]);
+    of_blocks(&attitude, &top.block(3), |i, j| p[(i + 3, j + 3)])
+}
+
+/// A covariance by its blocks: those of the attitude error, by its lower triangle, of attitude error and bias, and of
+/// the bias, by its lower triangle.
+#[inline(always)]
+pub(super) fn of_blocks<T: Real>(
+    attitude: &Packed<T, 3, 3>,
+    cross: &Packed<T, 3, 3>,
+    bias: impl Fn(usize, usize) -> T,
+) -> Matrix<T, 6, 6> {
+    symmetric(
+        #[inline(always)]
+        |i, j| match (i < 3, j < 3) {
+            (true, _) => attitude.at(i, j),
+            (false, true) => cross.at(j, i - 3),
+            (false, false) => bias(i - 3, j - 3),
+        },
+    )
 }
 
 /// Unit quaternions as measured values.

@@ -1,6 +1,8 @@
 //! The same filters, one sample at a time.
 
-use super::gyro::{GyroInput, GyroInputs, GyroModel, GyroTiming};
+use super::block::{Course, Feed, Listening, Samples, Times, check_one, in_order};
+use super::columns::Columns;
+use super::gyro::{GyroModel, GyroTiming};
 use super::history::{Back, History, PastStep, SmoothedState};
 use super::run::AnyFilter;
 use super::sensors::Reference;
@@ -11,7 +13,6 @@ use crate::belief::{Belief, Gaussian, SqrtGaussian};
 use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, SrUkf, Ukf};
 use crate::linalg::{Matrix, from_fn};
-use crate::manifold::Family;
 use crate::replay::{MAX_DOF, Report};
 use crate::scalar::{Level, Real, Run};
 
@@ -44,10 +45,18 @@ impl Running {
     /// State and matrix as they are carried from step to step.
     fn parts(&self) -> (Attitude<f64>, Matrix<f64, 6, 6>) {
         match self {
-            Self::Ekf(_, b) | Self::Ukf(_, b) => (b.mean, b.cov),
-            Self::SrUkf(_, b) => (b.mean, b.factor),
+            Self::Ekf(_, b) | Self::Ukf(_, b) => of_gaussian(b),
+            Self::SrUkf(_, b) => of_square_root(b),
         }
     }
+}
+
+fn of_gaussian(b: &Gaussian<AttitudeBias, f64, 6>) -> (Attitude<f64>, Matrix<f64, 6, 6>) {
+    (b.mean, b.cov)
+}
+
+fn of_square_root(b: &SqrtGaussian<AttitudeBias, f64, 6>) -> (Attitude<f64>, Matrix<f64, 6, 6>) {
+    (b.mean, b.factor)
 }
 
 fn gaussian(s: &PastStep) -> Gaussian<AttitudeBias, f64, 6> {
@@ -67,11 +76,7 @@ pub struct Stream {
     timing: GyroTiming,
     gates: [f64; MAX_DOF],
     level: Level,
-    t: f64,
-    /// The latest gyro sample and its time.
-    last: Option<(f64, [f64; 3])>,
-    steps: usize,
-    history: Option<History>,
+    course: Course,
 }
 
 /// What a [`Stream`] carries from step to step.
@@ -113,17 +118,14 @@ impl Stream {
             timing,
             gates: gates(gate)?,
             level: Level::best(),
-            t,
-            last: None,
-            steps: 0,
-            history: None,
+            course: Course { t, last: None, steps: 0, history: None },
         })
     }
 
     /// Everything that changes as the filter runs; with [`Self::restore`] it goes on to the same bits.
     pub fn snapshot(&self) -> Snapshot {
         let (mean, matrix) = self.running.parts();
-        Snapshot { t: self.t, mean, matrix, last: self.last, steps: self.steps }
+        Snapshot { t: self.course.t, mean, matrix, last: self.course.last, steps: self.course.steps }
     }
 
     /// Goes on from a snapshot of a stream of the same filter.
@@ -132,7 +134,7 @@ impl Stream {
             Running::Ekf(_, b) | Running::Ukf(_, b) => *b = Gaussian { mean: from.mean, cov: from.matrix },
             Running::SrUkf(_, b) => *b = SqrtGaussian { mean: from.mean, factor: from.matrix },
         }
-        (self.t, self.last, self.steps) = (from.t, from.last, from.steps);
+        (self.course.t, self.course.last, self.course.steps) = (from.t, from.last, from.steps);
     }
 
     /// Remembers steps from now on, so that [`Self::smoothed`] can go back by `lag` seconds.
@@ -143,18 +145,18 @@ impl Stream {
         if !(lag > 0.0 && lag.is_finite()) {
             return Err(Error::Parameter { field: "lag", value: lag, need: "must be positive and finite, in s" });
         }
-        self.history = Some(History::new(lag));
+        self.course.history = Some(History::new(lag));
         Ok(())
     }
 
     /// The steps that are remembered, oldest first.
     pub fn history(&self) -> impl Iterator<Item = &PastStep> {
-        self.history.iter().flat_map(|h| h.steps.iter())
+        self.course.history.iter().flat_map(|h| h.steps.iter())
     }
 
     /// Replaces the steps that are remembered by those of a stream that is gone on from.
     pub fn recall(&mut self, steps: impl IntoIterator<Item = PastStep>) {
-        if let Some(history) = &mut self.history {
+        if let Some(history) = &mut self.course.history {
             history.steps = steps.into_iter().collect();
         }
     }
@@ -166,8 +168,8 @@ impl Stream {
     /// No lag was asked for; a covariance that is not positive definite.
     pub fn smoothed(&self) -> Result<Vec<SmoothedState>> {
         let need = "nothing is remembered; start with a lag";
-        let history = self.history.as_ref().ok_or(Error::Parameter { field: "lag", value: 0.0, need })?;
-        let (now, model, steps) = (self.t, &self.model, &history.steps);
+        let history = self.course.history.as_ref().ok_or(Error::Parameter { field: "lag", value: 0.0, need })?;
+        let (now, model, steps) = (self.course.t, &self.model, &history.steps);
         let out = match &self.running {
             Running::Ekf(filter, belief) => {
                 self.level.run(Back { filter, model, now, belief, steps, recall: gaussian })
@@ -179,12 +181,12 @@ impl Stream {
                 self.level.run(Back { filter, model, now, belief, steps, recall: square_root })
             }
         };
-        out.ok_or(Error::NotPositiveDefinite { what: "smoothed covariance", step: self.steps, t: now })
+        out.ok_or(Error::NotPositiveDefinite { what: "smoothed covariance", step: self.course.steps, t: now })
     }
 
     /// Time of the state, s.
     pub fn time(&self) -> f64 {
-        self.t
+        self.course.t
     }
 
     /// State and covariance of its error.
@@ -200,19 +202,47 @@ impl Stream {
     /// # Errors
     /// A time before the state's, a result that is not positive definite; the state is as it was.
     pub fn predict(&mut self, t: f64, rate: &[f64; 3]) -> Result<()> {
-        self.in_order("predict", t)?;
-        if let Some(value) = rate.iter().find(|w| !w.is_finite()) {
-            let need = "must be finite; leave out a gyro sample that is missing";
-            return Err(Error::Parameter { field: "rate", value: *value, need });
-        }
-        let input = match &self.last {
-            Some((before, old)) => self.timing.between(old, rate, t - before),
-            // the first sample is all there is to know of the time before it
-            None => GyroInput { rate: *rate, extra: 0.0 },
-        };
-        self.advance(t, &input)?;
+        check_one(t, rate, self.course.t)?;
+        self.one(t, rate)?;
         self.forget();
-        self.last = Some((t, *rate));
+        Ok(())
+    }
+
+    /// Moves on with one gyro sample after the other, to the bits of [`Self::predict`] with each of them,
+    /// and writes the state after every n-th one into `columns`, which have a row for each. `poll` is called
+    /// with the number of samples every thousand of them and may end it.
+    ///
+    /// # Errors
+    /// Bad samples, of which the row is told, a result that is not positive definite, and what `poll` returns.
+    /// The state is then as it was before the first sample.
+    pub fn process(
+        &mut self,
+        samples: &Samples<'_>,
+        every: usize,
+        columns: Columns<'_>,
+        poll: &mut dyn FnMut(usize) -> Result<()>,
+    ) -> Result<()> {
+        samples.check(self.course.t)?;
+        if every == 0 {
+            return Err(Error::Parameter { field: "every", value: 0.0, need: "must be at least 1" });
+        }
+        let expected = samples.rate.len() / every;
+        for found in [columns.t.len(), columns.q.len(), columns.rate.len(), columns.bias.len(), columns.sigma.len()] {
+            if found != expected {
+                return Err(Error::Length { field: "output column", expected, found });
+            }
+        }
+        // the steps to remember are joined at the end: what a long block forgets meanwhile cannot be undone
+        let fresh = self.course.history.as_ref().map(|h| History::new(h.lag));
+        let mut ahead = Self { course: Course { history: fresh, ..self.course }, ..*self };
+        ahead.feed(samples, Some(&mut Listening { every, columns, poll }))?;
+        let before = self.course.history.take();
+        *self = ahead;
+        if let (Some(mut all), Some(new)) = (before, self.course.history.take()) {
+            all.steps.extend(new.steps);
+            all.trim(self.course.t);
+            self.course.history = Some(all);
+        }
         Ok(())
     }
 
@@ -233,70 +263,62 @@ impl Stream {
     }
 
     fn update(&mut self, t: f64, fix: Fix<'_>) -> Result<Report> {
-        self.in_order("update", t)?;
-        let before = (self.running, self.t, self.steps);
-        if t > self.t {
-            let (since, rate) = self.last.ok_or(Error::Parameter {
+        in_order("update", t, self.course.t)?;
+        let (running, time, steps) = (self.running, self.course.t, self.course.steps);
+        if t > time {
+            let last = self.course.last.ok_or(Error::Parameter {
                 field: "t",
                 value: t,
                 need: "lies after the state's time, and no gyro sample has told the rate yet; call predict first",
             })?;
-            let input = self.timing.between(&rate, &rate, t - since);
-            self.advance(t, &input)?;
+            // the latest rate is held, and remains the latest
+            self.one(t, &last.1)?;
+            self.course.last = Some(last);
         }
-        let report = self.apply(&Step::Update(fix, &self.gates));
-        match report {
-            Some((running, report)) => {
-                self.running = running;
-                self.forget();
-                Ok(report)
-            }
-            None => {
-                if let Some(history) = self.history.as_mut().filter(|_| self.t > before.1) {
-                    history.steps.pop_back();
-                }
-                (self.running, self.t, self.steps) = before;
-                Err(Error::NotPositiveDefinite { what: "covariance in the update", step: self.steps, t })
-            }
+        if let Some(report) = self.apply(&fix) {
+            self.forget();
+            return Ok(report);
         }
+        if let Some(history) = self.course.history.as_mut().filter(|_| t > time) {
+            history.steps.pop_back();
+        }
+        (self.running, self.course.t, self.course.steps) = (running, time, steps);
+        Err(Error::NotPositiveDefinite { what: "covariance in the update", step: steps, t })
     }
 
     fn forget(&mut self) {
-        if let Some(history) = &mut self.history {
-            history.trim(self.t);
+        if let Some(history) = &mut self.course.history {
+            history.trim(self.course.t);
         }
     }
 
-    fn in_order(&self, field: &'static str, t: f64) -> Result<()> {
-        if !t.is_finite() {
-            return Err(Error::Parameter { field: "t", value: t, need: "must be finite" });
-        }
-        if t >= self.t { Ok(()) } else { Err(Error::OutOfOrder { field, t, now: self.t }) }
+    fn one(&mut self, t: f64, rate: &[f64; 3]) -> Result<()> {
+        let times = Times::At(std::slice::from_ref(&t));
+        self.feed(&Samples { times, rate: std::slice::from_ref(rate), turn: None }, None)
     }
 
-    fn advance(&mut self, t: f64, input: &GyroInput<f64>) -> Result<()> {
-        if t > self.t {
-            let (running, _) = self
-                .apply(&Step::Predict(input, self.t, t - self.t))
-                .ok_or(Error::NotPositiveDefinite { what: "predicted covariance", step: self.steps, t })?;
-            if let Some(history) = &mut self.history {
-                let (mean, matrix) = self.running.parts();
-                history.push(PastStep { t: self.t, to: t, input: *input, mean, matrix });
+    fn feed(&mut self, samples: &Samples<'_>, listening: Option<&mut Listening<'_, '_>>) -> Result<()> {
+        let Self { running, model, timing, course, .. } = self;
+        match running {
+            Running::Ekf(filter, belief) => {
+                self.level.run(Feed { filter, model, timing, belief, parts: of_gaussian, course, samples, listening })
             }
-            self.running = running;
-            self.t = t;
-            self.steps += 1;
+            Running::Ukf(filter, belief) => {
+                self.level.run(Feed { filter, model, timing, belief, parts: of_gaussian, course, samples, listening })
+            }
+            Running::SrUkf(filter, belief) => {
+                let parts = of_square_root;
+                self.level.run(Feed { filter, model, timing, belief, parts, course, samples, listening })
+            }
         }
-        Ok(())
     }
 
-    fn apply(&self, step: &Step<'_>) -> Option<(Running, Report)> {
-        match &self.running {
-            Running::Ekf(f, b) => self.level.run(Job(f, &self.model, b, step)).map(|(b, r)| (Running::Ekf(*f, b), r)),
-            Running::Ukf(f, b) => self.level.run(Job(f, &self.model, b, step)).map(|(b, r)| (Running::Ukf(*f, b), r)),
-            Running::SrUkf(f, b) => {
-                self.level.run(Job(f, &self.model, b, step)).map(|(b, r)| (Running::SrUkf(*f, b), r))
-            }
+    fn apply(&mut self, fix: &Fix<'_>) -> Option<Report> {
+        let (model, gates) = (&self.model, &self.gates);
+        match &mut self.running {
+            Running::Ekf(f, b) => self.level.run(Correct(f, model, b, fix, gates)),
+            Running::Ukf(f, b) => self.level.run(Correct(f, model, b, fix, gates)),
+            Running::SrUkf(f, b) => self.level.run(Correct(f, model, b, fix, gates)),
         }
     }
 }
@@ -307,52 +329,27 @@ enum Fix<'a> {
     Direction(&'a [f64; 3], &'a Reference<f64>),
 }
 
-enum Step<'a> {
-    Predict(&'a GyroInput<f64>, f64, f64),
-    Update(Fix<'a>, &'a [f64; MAX_DOF]),
-}
+/// One update of one filter, at any instruction set. Where it fails the belief is as it was.
+struct Correct<'a, F: Filter>(
+    &'a F,
+    &'a GyroModel,
+    &'a mut F::Belief<AttitudeBias, f64, 6>,
+    &'a Fix<'a>,
+    &'a [f64; MAX_DOF],
+);
 
-const NOTHING: Report = Report {
-    ok: true,
-    accepted: true,
-    dof: 0,
-    nis: 0.0,
-    innovation: [f64::NAN; MAX_DOF],
-    covariance: [[f64::NAN; MAX_DOF]; MAX_DOF],
-    rows: [0, 0],
-};
-
-#[inline(always)]
-fn step<F: Filter, T: Real<Mask = bool>>(
-    filter: &F,
-    model: &GyroModel,
-    belief: &mut F::Belief<AttitudeBias, T, 6>,
-    step: &Step<'_>,
-) -> Option<Report> {
-    let report = match step {
-        Step::Predict(input, t, dt) => {
-            let u = GyroInputs::map(*input, T::splat);
-            let ok = filter.predict(belief, model, &u, T::splat(*t), T::splat(*dt));
-            Report { ok, ..NOTHING }
-        }
-        Step::Update(Fix::Star(q, noise), gates) => model.star::<F, T>(filter, belief, 0, (q, noise), gates),
-        Step::Update(Fix::Direction(body, reference), gates) => {
-            model.direction::<F, T>(filter, belief, body, reference, gates)
-        }
-    };
-    report.ok.then_some(report)
-}
-
-/// One step of one filter, at any instruction set.
-struct Job<'a, F: Filter>(&'a F, &'a GyroModel, &'a F::Belief<AttitudeBias, f64, 6>, &'a Step<'a>);
-
-impl<F: Filter> Run for Job<'_, F> {
-    type Output = Option<(F::Belief<AttitudeBias, f64, 6>, Report)>;
+impl<F: Filter> Run for Correct<'_, F> {
+    type Output = Option<Report>;
     #[inline(always)]
-    fn run<T: Real<Mask = bool>>(self) -> Self::Output {
-        let mut belief = F::cast::<AttitudeBias, f64, T, 6>(self.2);
-        let report = step(self.0, self.1, &mut belief, self.3)?;
-        Some((F::cast::<AttitudeBias, T, f64, 6>(&belief), report))
+    fn run<T: Real<Mask = bool>>(self) -> Option<Report> {
+        let Self(filter, model, given, fix, gates) = self;
+        let mut belief = F::cast::<AttitudeBias, f64, T, 6>(given);
+        let report = match fix {
+            Fix::Star(q, noise) => model.star::<F, T>(filter, &mut belief, 0, (q, noise), gates),
+            Fix::Direction(body, reference) => model.direction::<F, T>(filter, &mut belief, body, reference, gates),
+        };
+        *given = F::cast::<AttitudeBias, T, f64, 6>(&belief);
+        report.ok.then_some(report)
     }
 }
 

@@ -115,11 +115,12 @@ impl<Y: System<N>, const N: usize> Sensors<Y::Space, N> for Seen<'_, Y> {
         let gates = self.sensors.gates();
         match &self.sensors.sensors()[sensor] {
             AttitudeSensor::Star(s) => {
-                self.system.star::<F, T>(filter, belief, sensor, (&s.q[row], &s.noise[row]), gates)
+                let (q, noise) = s.fix(row);
+                self.system.star::<F, T>(filter, belief, sensor, (&q, &noise), gates)
             }
             AttitudeSensor::Direction(s) => {
-                let reference = Reference { inertial: s.inertial[row], sigma: s.sigma[row] };
-                self.system.direction::<F, T>(filter, belief, &s.body[row], &reference, gates)
+                let (body, reference) = s.sight(row);
+                self.system.direction::<F, T>(filter, belief, &body, &reference, gates)
             }
         }
     }

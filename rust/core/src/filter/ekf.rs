@@ -2,9 +2,10 @@
 
 use super::{Filter, cast};
 use crate::belief::{Belief, Gaussian, Joint, Outcome};
-use crate::linalg::{Matrix, add, apply, cholesky, dot, from_fn, gain, square, symmetric, transpose};
+use crate::linalg::{Matrix, Vector, add, cholesky, from_fn, ldl, square, symmetric, transpose};
 use crate::manifold::Manifold;
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
+use crate::packed::{Packed, gain};
 use crate::scalar::{Mask, Real};
 
 /// Extended Kalman filter: first-order propagation of the error-state covariance, Joseph's form in
@@ -45,7 +46,7 @@ impl Filter for Ekf {
         let (mean, cov) = dynamics.propagate(&belief.mean, &belief.cov, u, t, dt);
         let new = Gaussian { mean, cov };
         let ok = new.finite();
-        *belief = Belief::select(ok, &new, belief);
+        belief.take(ok, &new);
         ok
     }
 
@@ -73,26 +74,84 @@ impl Filter for Ekf {
         z: &Value<H, T, N, M>,
         gate: T,
     ) -> Outcome<T, M> {
-        let x = &belief.mean;
-        let p = &belief.cov;
-        let h = sensor.jacobian(x, given);
+        let (x, p) = (&belief.mean, &belief.cov);
         let noise = sensor.noise(given);
         let innovation = sensor.residual(z, &sensor.predict(x, given));
-
-        let pht = sensor.project::<T, N>(&h, p);
-        let hpht = sensor.project::<T, M>(&h, &transpose(&pht));
-        let covariance = add(&hpht, &noise);
-        let (gain, nis, factored) = gain(&pht, &covariance, &innovation);
-
-        let joseph = joseph(p, &gain, &pht, &hpht, &noise);
-        let step = apply(&gain, &innovation);
-        let cov = if self.reset { H::Space::transport(x, &step, &joseph) } else { joseph };
+        let Corrected { cov, step, covariance, nis, factored } = if H::DIRECT {
+            direct(p, &noise, &innovation)
+        } else {
+            seen_through(sensor, &sensor.jacobian(x, given), p, &noise, &innovation)
+        };
+        // a reset by nothing changes nothing; to choose between two matrices would put both into memory
+        let mut turned = step;
+        for d in &mut turned {
+            *d = if self.reset { *d } else { T::zero() };
+        }
+        let cov = H::Space::transport(x, &turned, &cov);
         let new = Gaussian { mean: H::Space::normalise(&H::Space::retract(x, &step)), cov };
         let ok = factored.and(new.healthy());
         let accepted = ok.and(gate.gt(nis));
-        *belief = Belief::select(accepted, &new, belief);
+        belief.take(accepted, &new);
         Outcome { ok, accepted, innovation, covariance, nis }
     }
+}
+
+/// What a measurement makes of a covariance.
+struct Corrected<T: Real, const N: usize, const M: usize> {
+    cov: Matrix<T, N, N>,
+    /// The correction of the state.
+    step: Vector<T, N>,
+    /// Covariance of the innovation.
+    covariance: Matrix<T, M, M>,
+    nis: T,
+    factored: T::Mask,
+}
+
+/// Correction by any measurement, in Joseph's form.
+#[inline(always)]
+fn seen_through<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(
+    sensor: &H,
+    h: &Matrix<T, M, N>,
+    p: &Matrix<T, N, N>,
+    noise: &Matrix<T, M, M>,
+    innovation: &Vector<T, M>,
+) -> Corrected<T, N, M> {
+    let pht = sensor.project::<T, N>(h, p);
+    let hpht = sensor.project::<T, M>(h, &transpose(&pht));
+    let covariance = add(&hpht, noise);
+    let (gain, nis, factored) = gain(&pht, &covariance, innovation);
+    let cov = joseph(p, &gain, &pht, &hpht, noise);
+    Corrected { cov, step: gain.apply(innovation), covariance, nis, factored }
+}
+
+/// Correction by a measurement of the first `M` error states themselves. With `P = [A B; Bᵀ C]` and `S = A + R` what
+/// is left of the rows it sees, `(I − K H) P`, is `R S⁻¹ [A B]`: a product, in which nothing cancels, however small `R` is
+/// beside `A`. What is left of `C` is `C − Bᵀ S⁻¹ B`.
+#[inline(always)]
+fn direct<T: Real, const N: usize, const M: usize>(
+    p: &Matrix<T, N, N>,
+    noise: &Matrix<T, M, M>,
+    innovation: &Vector<T, M>,
+) -> Corrected<T, N, M> {
+    let covariance = symmetric::<T, M>(|i, j| p[(i, j)] + noise[(i, j)]);
+    let factor = ldl(&covariance);
+    let inverse = Packed::inverse(&factor);
+    let seen = Packed::<T, N, M>::from_fn(|i, j| p[(i, j)]);
+    let step = seen.apply(&inverse.apply(innovation));
+
+    let left = Packed::<T, M, M>::product::<M>(&Packed::new(noise), |k, j| inverse.at(k, j));
+    let top = Packed::<T, M, N>::product::<M>(&left, |k, j| p[(k, j)]);
+    let solved = Packed::<T, M, N>::product::<M>(&inverse, |k, j| p[(k, j)]);
+    let rest = Packed::new(p).minus(&seen, |k, j| solved.at(k, j));
+    let cov = symmetric(
+        #[inline(always)]
+        |i, j| match (i < M, j < M) {
+            (true, _) => top.at(i, j),
+            (false, true) => top.at(j, i),
+            (false, false) => rest.at(i, j),
+        },
+    );
+    Corrected { cov, step, covariance, nis: factor.quadratic(innovation), factored: factor.ok }
 }
 
 /// Joseph's form `(I − K H) P (I − K H)ᵀ + K R Kᵀ`, multiplied out one factor at a time. Signal and noise
@@ -101,15 +160,13 @@ impl Filter for Ekf {
 #[inline(always)]
 pub(super) fn joseph<T: Real, const N: usize, const M: usize>(
     p: &Matrix<T, N, N>,
-    gain: &Matrix<T, N, M>,
+    gain: &Packed<T, N, M>,
     pht: &Matrix<T, N, M>,
     hpht: &Matrix<T, M, M>,
     noise: &Matrix<T, M, M>,
 ) -> Matrix<T, N, N> {
-    let signal = from_fn::<T, N, M>(|i, m| pht[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| hpht[(k, m)]));
-    let rest = from_fn::<T, N, M>(|i, m| signal[(i, m)] - dot::<T, M>(|k| gain[(i, k)], |k| noise[(k, m)]));
-    symmetric(|i, j| {
-        let once = p[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| pht[(j, m)]);
-        once - dot::<T, M>(|m| rest[(i, m)], |m| gain[(j, m)])
-    })
+    let signal = Packed::new(pht).minus(gain, |k, m| hpht[(k, m)]);
+    let rest = signal.minus(gain, |k, m| noise[(k, m)]);
+    let once = Packed::new(p).minus(gain, |m, j| pht[(j, m)]);
+    once.minus(&rest, |m, j| gain.at(j, m)).symmetric()
 }

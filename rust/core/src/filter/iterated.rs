@@ -2,8 +2,9 @@
 
 use super::{Ekf, Filter, Linearised};
 use crate::belief::{Belief, Gaussian, Joint, Outcome, Tangent};
-use crate::linalg::{Matrix, Vector, apply, gain, identity, mul, mul_t, solve_near_identity};
+use crate::linalg::{Matrix, Vector, apply, identity, mul, mul_t, solve_near_identity};
 use crate::manifold::Manifold;
+use crate::packed::gain;
 use crate::model::{Dynamics, Given, Input, Measurement, State, Value};
 use crate::replay::{Drive, Epoch, Past, Report, Sensors, Window};
 use crate::scalar::Real;
@@ -126,7 +127,7 @@ impl Iterated {
             if !ok {
                 return None;
             }
-            let mut back = apply(&smoother, &surprise);
+            let mut back = smoother.apply(&surprise);
             for i in 0..N {
                 back[i] += linear.offset[i];
             }

@@ -3,9 +3,10 @@
 use super::ekf::joseph;
 use super::{Ekf, Filter, cast};
 use crate::belief::{Belief, Gaussian, Joint, Outcome, Tangent};
-use crate::linalg::{add, apply, from_fn, gain, transpose};
+use crate::linalg::{add, apply, from_fn, transpose};
 use crate::manifold::Manifold;
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
+use crate::packed::gain;
 use crate::scalar::{Mask, Real};
 
 /// Kalman filter linearised about a given trajectory instead of its own estimates: the step inside
@@ -35,7 +36,7 @@ impl Filter for Linearised {
         let (point, cov) = dynamics.propagate(&belief.point, &belief.cov, u, t, dt);
         let new = Tangent { point, offset, cov };
         let ok = new.finite();
-        *belief = Belief::select(ok, &new, belief);
+        belief.take(ok, &new);
         ok
     }
 
@@ -73,14 +74,14 @@ impl Filter for Linearised {
         }
         let covariance = add(&hpht, &noise);
         let (gain, nis, factored) = gain(&pht, &covariance, &innovation);
-        let step = apply(&gain, &innovation);
+        let step = gain.apply(&innovation);
         let mut offset = belief.offset;
         for i in 0..N {
             offset[i] += step[i];
         }
         let new = Tangent { point: *x, offset, cov: joseph(&belief.cov, &gain, &pht, &hpht, &noise) };
         let ok = factored.and(new.healthy());
-        *belief = Belief::select(ok, &new, belief);
+        belief.take(ok, &new);
         Outcome { ok, accepted: ok, innovation, covariance, nis }
     }
 }

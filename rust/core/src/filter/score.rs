@@ -3,8 +3,9 @@
 use super::ekf::joseph;
 use super::{Ekf, Filter};
 use crate::belief::{Belief, Gaussian, Joint, Outcome};
-use crate::linalg::{Matrix, add, apply, from_fn, gain, transpose};
+use crate::linalg::{Matrix, add, from_fn, transpose};
 use crate::manifold::Manifold;
+use crate::packed::gain;
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::scalar::{Mask, Real};
 
@@ -47,7 +48,7 @@ impl Filter for Score {
         let (follow, _, seen) = gain(&pht, &signal, &innovation);
         let (mean, variance) = sensor.posterior(innovation[0], signal[(0, 0)], given);
         let left: Matrix<T, M, M> = from_fn(|_, _| variance);
-        let step = apply(&follow, &[mean; M]);
+        let step = follow.apply(&[mean; M]);
         let cov = joseph(p, &follow, &pht, &signal, &left);
         let new = Gaussian {
             mean: H::Space::normalise(&H::Space::retract(x, &step)),
@@ -55,7 +56,7 @@ impl Filter for Score {
         };
         let ok = known.and(seen).and(variance.gt(T::zero())).and(new.healthy());
         let accepted = ok.and(gate.gt(nis));
-        *belief = Belief::select(accepted, &new, belief);
+        belief.take(accepted, &new);
         Outcome { ok, accepted, innovation, covariance, nis }
     }
 }

@@ -75,72 +75,159 @@ impl Unscented {
     }
 }
 
-/// Number of packs that hold the centre and the 2N outer points.
+/// Number of packs that hold the columns of a square root.
 #[inline(always)]
 pub(crate) const fn packs<T: Real, const N: usize>() -> usize {
-    (2 * N + 1).div_ceil(T::WIDTH)
+    N.div_ceil(T::WIDTH)
 }
 
-/// Pack `p` of the points `0, +columns, −columns` of a square root, `scale` times. Slots beyond the
-/// last point repeat the centre, whose deviation is zero.
+/// Pack `p` of the columns of a square root, `scale` times; zero in the slots beyond the last.
 #[inline(always)]
-pub(crate) fn points<T: Real, const N: usize>(root: &Matrix<T, N, N>, scale: f64, p: usize) -> Vector<T::Pack, N> {
+pub(crate) fn columns<T: Real, const N: usize>(root: &Matrix<T, N, N>, scale: f64, p: usize) -> Vector<T::Pack, N> {
     let mut d = [T::Pack::zero(); N];
     for i in 0..N {
         d[i] = T::gather(
             #[inline(always)]
             |slot| {
                 let k = p * T::WIDTH + slot;
-                if k >= 1 && k <= N {
-                    root[(i, k - 1)] * scale
-                } else if k > N && k <= 2 * N {
-                    root[(i, k - 1 - N)] * -scale
-                } else {
-                    T::zero()
-                }
+                if k < N { root[(i, k)] * scale } else { T::zero() }
             },
         );
     }
     d
 }
 
-/// `Σ d` and the lower triangle of `Σ d dᵀ`, gathered pack by pack.
-pub(crate) struct Moments<T: Real, const N: usize> {
-    sum: Vector<T::Pack, N>,
-    outer: Matrix<T::Pack, N, N>,
+/// Where a map takes the outer points: deviations of their images from the image of the centre, `K` numbers for
+/// each of the `2N` points. The points come in pairs about the centre, `+` and `−` a column.
+pub(crate) struct Images<T: Real, const N: usize, const K: usize> {
+    /// Of the points at plus the columns; the first [`packs`] are in use.
+    pub(crate) plus: [Vector<T::Pack, K>; N],
+    /// Of those at minus the columns.
+    pub(crate) minus: [Vector<T::Pack, K>; N],
 }
 
-impl<T: Real, const N: usize> Moments<T, N> {
+impl<T: Real, const N: usize, const K: usize> Images<T, N, K> {
+    /// By a map from error states to deviations.
     #[inline(always)]
-    pub(crate) fn new() -> Self {
-        Self { sum: [T::Pack::zero(); N], outer: zeros() }
+    pub(crate) fn new(
+        root: &Matrix<T, N, N>,
+        scale: f64,
+        map: impl Fn(&Vector<T::Pack, N>) -> Vector<T::Pack, K>,
+    ) -> Self {
+        let nothing = [[T::Pack::zero(); K]; N];
+        let mut new = Self { plus: nothing, minus: nothing };
+        for p in 0..packs::<T, N>() {
+            let mut d = columns::<T, N>(root, scale, p);
+            new.plus[p] = map(&d);
+            for x in &mut d {
+                *x = -*x;
+            }
+            new.minus[p] = map(&d);
+        }
+        new
     }
+
+    /// Mean, for `weight` on each point; the last `still` numbers are those of the points and have none.
     #[inline(always)]
-    pub(crate) fn add(&mut self, d: &Vector<T::Pack, N>) {
-        for i in 0..N {
-            self.sum[i] += d[i];
-            for j in 0..=i {
-                self.outer[(i, j)] = d[i].mul_add(d[j], self.outer[(i, j)]);
+    pub(crate) fn mean(&self, weight: f64, still: usize) -> Vector<T, K> {
+        let mut mean = [T::zero(); K];
+        for i in 0..K - still {
+            let mut sum = self.plus[0][i] + self.minus[0][i];
+            for p in 1..packs::<T, N>() {
+                sum += self.plus[p][i] + self.minus[p][i];
+            }
+            mean[i] = T::total(sum) * weight;
+        }
+        mean
+    }
+
+    /// Entry of the covariance, without the part of the mean.
+    #[inline(always)]
+    pub(crate) fn covariance(&self, i: usize, j: usize, weight: f64) -> T {
+        let mut sum = self.plus[0][i] * self.plus[0][j];
+        sum = self.minus[0][i].mul_add(self.minus[0][j], sum);
+        for p in 1..packs::<T, N>() {
+            sum = self.plus[p][i].mul_add(self.plus[p][j], sum);
+            sum = self.minus[p][i].mul_add(self.minus[p][j], sum);
+        }
+        T::total(sum) * weight
+    }
+
+    /// Covariance with the points themselves.
+    #[inline(always)]
+    pub(crate) fn cross(&self, root: &Matrix<T, N, N>, scale: f64, weight: f64) -> Matrix<T, N, K> {
+        let mut sums: Matrix<T::Pack, N, K> = zeros();
+        for p in 0..packs::<T, N>() {
+            let d = columns::<T, N>(root, scale, p);
+            for j in 0..K {
+                let odd = self.plus[p][j] - self.minus[p][j];
+                for i in 0..N {
+                    sums[(i, j)] = d[i].mul_add(odd, sums[(i, j)]);
+                }
             }
         }
-    }
-    /// Mean and covariance, for `weight` on each outer point and `mean_weight` on `m mᵀ`.
-    #[inline(always)]
-    pub(crate) fn finish(&self, weight: f64, mean_weight: f64) -> (Vector<T, N>, Matrix<T, N, N>) {
-        let mean = total::<T, N>(&self.sum, weight);
-        let cov = symmetric(|i, j| (mean[i] * mean_weight).mul_add(mean[j], T::total(self.outer[(i, j)]) * weight));
-        (mean, cov)
+        crate::linalg::from_fn(|i, j| T::total(sums[(i, j)]) * weight)
     }
 }
 
-/// `weight Σ d` over all slots.
-#[inline(always)]
-pub(crate) fn total<T: Real, const N: usize>(sum: &Vector<T::Pack, N>, weight: f64) -> Vector<T, N> {
-    let mut m = [T::zero(); N];
-    for i in 0..N {
-        m[i] = T::total(sum[i]) * weight;
+/// What the unscented transform makes of a belief: the image of the centre, where it puts the mean, and the
+/// covariance before the step's noise.
+pub(crate) struct Spread<D: Dynamics<N>, T: Real, const N: usize> {
+    /// Image of the centre.
+    pub(crate) centre: State<D, T, N>,
+    /// Images of the points about it.
+    pub(crate) images: Images<T, N, N>,
+    /// Mean of all about it.
+    pub(crate) mean: Vector<T, N>,
+}
+
+impl<D: Dynamics<N>, T: Real, const N: usize> Spread<D, T, N> {
+    /// Steps the points of a square root.
+    #[inline(always)]
+    pub(crate) fn new(
+        weights: &Unscented,
+        (mean, root): (&State<D, T, N>, &Matrix<T, N, N>),
+        dynamics: &D,
+        u: &Input<D, T, N>,
+        t: T,
+        dt: T,
+    ) -> Self {
+        let spread = weights.spread(N);
+        let centre = dynamics.step(mean, u, t, dt);
+        let (x, origin) = (D::Space::map(mean, T::stack), D::Space::map(&centre, T::stack));
+        let input = D::Input::map(u, T::stack);
+        let (time, step) = (t.stack(), dt.stack());
+        let images = Images::new(
+            root,
+            spread.sqrt(),
+            #[inline(always)]
+            |d| dynamics.displaced((&x, &origin), d, &input, time, step),
+        );
+        let mean = images.mean(0.5 / spread, D::STILL);
+        Self { centre, images, mean }
     }
-    m
+
+    /// Covariance about the mean, in the tangent space at the centre's image; `before` is that of the belief, which
+    /// the last error states keep where the step leaves them as they are.
+    #[inline(always)]
+    pub(crate) fn covariance(&self, weights: &Unscented, before: impl Fn(usize, usize) -> T) -> Matrix<T, N, N> {
+        let (weight, of_mean) = (0.5 / weights.spread(N), weights.mean_weight());
+        symmetric(
+            #[inline(always)]
+            |i, j| {
+                if j >= N - D::STILL {
+                    return before(i, j);
+                }
+                (self.mean[i] * of_mean).mul_add(self.mean[j], self.images.covariance(i, j, weight))
+            },
+        )
+    }
+
+    /// The predicted state.
+    #[inline(always)]
+    pub(crate) fn state(&self) -> State<D, T, N> {
+        D::Space::normalise(&D::Space::retract(&self.centre, &self.mean))
+    }
 }
 
 /// An unscented prediction with its correlation: the odd part of the images of the points, column by
@@ -154,45 +241,19 @@ pub(crate) fn joint<D: Dynamics<N>, T: Real, const N: usize>(
     t: T,
     dt: T,
 ) -> Joint<D::Space, T, N> {
-    let spread = weights.spread(N);
-    let x = D::Space::map(mean, T::stack);
-    let input = D::Input::map(u, T::stack);
-    let (time, step) = (t.stack(), dt.stack());
-    let half = 0.5 / spread.sqrt();
-
-    let mut centre = *mean;
-    let mut origin = x;
-    let mut moments = Moments::<T, N>::new();
+    let moved = Spread::<D, T, N>::new(weights, (mean, root), dynamics, u, t, dt);
+    let half = 0.5 / weights.spread(N).sqrt();
     let mut image: Matrix<T, N, N> = zeros();
-    for p in 0..packs::<T, N>() {
-        let point = D::Space::retract(&x, &points::<T, N>(root, spread.sqrt(), p));
-        let moved = dynamics.step(&point, &input, time, step);
-        if p == 0 {
-            centre = D::Space::map(&moved, |c| T::extract(c, 0));
-            origin = D::Space::map(&centre, T::stack);
-        }
-        let d = D::Space::local(&origin, &moved);
-        moments.add(&d);
-        for slot in 0..T::WIDTH {
-            let k = p * T::WIDTH + slot;
-            if k == 0 || k > 2 * N {
-                continue;
-            }
-            let (column, sign) = if k <= N { (k - 1, half) } else { (k - 1 - N, -half) };
-            for i in 0..N {
-                image[(i, column)] += T::extract(d[i], slot) * sign;
-            }
+    for k in 0..N {
+        let (p, slot) = (k / T::WIDTH, k % T::WIDTH);
+        for i in 0..N {
+            image[(i, k)] = T::extract(moved.images.plus[p][i] - moved.images.minus[p][i], slot) * half;
         }
     }
-    let (shift, cov) = moments.finish(0.5 / spread, weights.mean_weight());
-    let reset = D::Space::reset(&centre, &shift);
-    let cov = add(&D::Space::transport(&centre, &shift, &cov), &dynamics.noise(mean, u, t, dt));
+    let before = square(root);
+    let cov = moved.covariance(weights, |i, j| before[(i, j)]);
+    let reset = D::Space::reset(&moved.centre, &moved.mean);
+    let cov = add(&D::Space::transport(&moved.centre, &moved.mean, &cov), &dynamics.noise(mean, u, t, dt));
     let image = mul(&reset, &image);
-    Joint {
-        mean: D::Space::normalise(&D::Space::retract(&centre, &shift)),
-        cov,
-        root: *root,
-        image,
-        rest: subtract(&cov, &square(&image)),
-    }
+    Joint { mean: moved.state(), cov, root: *root, image, rest: subtract(&cov, &square(&image)) }
 }

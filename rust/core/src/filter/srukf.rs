@@ -1,14 +1,15 @@
 //! Square-root unscented Kalman filter on a manifold.
 
-use super::sigma::{Unscented, joint, packs, points, total};
+use super::sigma::{Images, Spread, Unscented, columns, joint, packs};
 use super::{Filter, cast};
 use crate::belief::{Belief, Joint, Outcome, SqrtGaussian};
 use crate::error::Result;
-use crate::linalg::{Matrix, Vector, apply, cholesky, dot, forward_solve, from_fn, mul_t, symmetric, zeros};
+use crate::linalg::{
+    Matrix, Vector, apply, cholesky, dot, forward_solve, from_fn, mul_t, square, symmetric, transpose, zeros,
+};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::scalar::{Mask, Real};
-use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Unscented Kalman filter that carries a square root of the covariance and never forms, subtracts
 /// or factors the covariance itself: weighted deviations are absorbed into a triangular factor by
@@ -28,45 +29,90 @@ impl SrUkf {
     }
 }
 
-/// The reflection that moves a pack of columns, seen in one row, into that row's pivot.
+/// One row of an array of columns: `G` groups of columns side by side in packs, and one more.
+struct Row<T: Real, const N: usize, const G: usize> {
+    groups: [[T::Pack; N]; G],
+    one: T,
+}
+
+impl<T: Real, const N: usize, const G: usize> Clone for Row<T, N, G> {
+    #[inline(always)]
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<T: Real, const N: usize, const G: usize> Copy for Row<T, N, G> {}
+
+impl<T: Real, const N: usize, const G: usize> Row<T, N, G> {
+    #[inline(always)]
+    fn zeros() -> Self {
+        Self { groups: [[T::Pack::zero(); N]; G], one: T::zero() }
+    }
+    /// Sum over the columns of the products with another row.
+    #[inline(always)]
+    fn dot(&self, other: &Self) -> T {
+        let mut sum = self.groups[0][0] * other.groups[0][0];
+        for g in 0..G {
+            for p in usize::from(g == 0)..packs::<T, N>() {
+                sum = self.groups[g][p].mul_add(other.groups[g][p], sum);
+            }
+        }
+        self.one.mul_add(other.one, T::total(sum))
+    }
+    /// Takes a multiple of another row off.
+    #[inline(always)]
+    fn subtract(&mut self, factor: T, other: &Self) {
+        let minus = (-factor).stack();
+        for g in 0..G {
+            for p in 0..packs::<T, N>() {
+                self.groups[g][p] = minus.mul_add(other.groups[g][p], self.groups[g][p]);
+            }
+        }
+        self.one = (-factor).mul_add(other.one, self.one);
+    }
+}
+
+/// The reflection that moves a row of columns into its pivot.
 struct Reflection<T: Real> {
     pivot: T,
-    column: T::Pack,
     norm: T,
     inverse: T,
     ratio: T,
 }
 
 impl<T: Real> Reflection<T> {
+    /// For a row of this squared length.
     #[inline(always)]
-    fn new(pivot: T, column: T::Pack) -> Self {
-        let square = T::total(column * column);
+    fn new(pivot: T, square: T) -> Self {
         let norm = pivot.mul_add(pivot, square).sqrt();
         let some = norm.gt(T::zero());
         let inverse = T::select(some, T::select(some, norm, T::one()).recip(), T::zero());
         let moved = square.gt(T::zero());
         let ratio = T::select(moved, (pivot + norm) * inverse / T::select(moved, square, T::one()), T::zero());
-        Self { pivot, column, norm, inverse, ratio }
+        Self { pivot, norm, inverse, ratio }
     }
     /// Applies it to another row: its entry of the factor and its columns.
     #[inline(always)]
-    fn apply(&self, entry: &mut T, columns: &mut T::Pack) {
-        let inner = T::total(self.column * *columns);
+    fn apply<const N: usize, const G: usize>(&self, own: &Row<T, N, G>, entry: &mut T, row: &mut Row<T, N, G>) {
+        let inner = own.dot(row);
         let w = self.ratio.mul_add(inner, -(*entry * self.inverse));
         *entry = self.pivot.mul_add(*entry, inner) * self.inverse;
-        *columns = (-w.stack()).mul_add(self.column, *columns);
+        row.subtract(w, own);
     }
 }
 
-/// Absorbs a pack of columns into a lower-triangular factor: `L Lᵀ + A Aᵀ` becomes `L Lᵀ`.
+/// Absorbs columns into a lower-triangular factor: `L Lᵀ + A Aᵀ` becomes `L Lᵀ`.
 #[inline(always)]
-fn absorb<T: Real, const N: usize>(factor: &mut Matrix<T, N, N>, columns: &Vector<T::Pack, N>) {
-    let mut a = *columns;
-    for j in 0..N {
-        let reflection = Reflection::<T>::new(factor[(j, j)], a[j]);
+fn absorb<T: Real, const R: usize, const N: usize, const G: usize>(
+    factor: &mut Matrix<T, R, R>,
+    rows: &mut [Row<T, N, G>; R],
+) {
+    for j in 0..R {
+        let own = rows[j];
+        let reflection = Reflection::new(factor[(j, j)], own.dot(&own));
         factor[(j, j)] = reflection.norm;
-        for i in j + 1..N {
-            reflection.apply(&mut factor[(i, j)], &mut a[i]);
+        for i in j + 1..R {
+            reflection.apply(&own, &mut factor[(i, j)], &mut rows[i]);
         }
     }
 }
@@ -80,28 +126,6 @@ fn positive_pivots<T: Real, const N: usize>(factor: &Matrix<T, N, N>) -> T::Mask
     ok
 }
 
-/// A vector in slot 0 of a pack of columns.
-#[inline(always)]
-fn column<T: Real, const N: usize>(v: &Vector<T, N>, scale: f64) -> Vector<T::Pack, N> {
-    let mut o = [T::Pack::zero(); N];
-    for i in 0..N {
-        let x = v[i] * scale;
-        o[i] = T::gather(
-            #[inline(always)]
-            |slot| if slot == 0 { x } else { T::zero() },
-        );
-    }
-    o
-}
-
-#[inline(always)]
-fn scaled<P: Real, const N: usize>(v: &Vector<P, N>, by: f64) -> Vector<P, N> {
-    v.map(
-        #[inline(always)]
-        |x| x * by,
-    )
-}
-
 /// Lower-triangular factor of the joint covariance of measurement and state, in blocks:
 /// `[[root, 0], [gain, rest]]`.
 struct Stacked<T: Real, const N: usize, const M: usize> {
@@ -111,20 +135,91 @@ struct Stacked<T: Real, const N: usize, const M: usize> {
 }
 
 impl<T: Real, const N: usize, const M: usize> Stacked<T, N, M> {
+    /// From a root of the measurement's noise and columns of signal over state.
     #[inline(always)]
-    fn absorb(&mut self, e: &Vector<T::Pack, M>, d: &Vector<T::Pack, N>) {
-        let (mut e, mut d) = (*e, *d);
+    fn new<const G: usize>(root: Matrix<T, M, M>, mut e: [Row<T, N, G>; M], mut d: [Row<T, N, G>; N]) -> Self {
+        let mut new = Self { root, gain: zeros(), rest: zeros() };
         for j in 0..M {
-            let reflection = Reflection::<T>::new(self.root[(j, j)], e[j]);
-            self.root[(j, j)] = reflection.norm;
+            let own = e[j];
+            let reflection = Reflection::new(new.root[(j, j)], own.dot(&own));
+            new.root[(j, j)] = reflection.norm;
             for i in j + 1..M {
-                reflection.apply(&mut self.root[(i, j)], &mut e[i]);
+                reflection.apply(&own, &mut new.root[(i, j)], &mut e[i]);
             }
             for i in 0..N {
-                reflection.apply(&mut self.gain[(i, j)], &mut d[i]);
+                reflection.apply(&own, &mut new.gain[(i, j)], &mut d[i]);
             }
         }
-        absorb(&mut self.rest, &d);
+        absorb(&mut new.rest, &mut d);
+        new
+    }
+}
+
+impl SrUkf {
+    /// The joint factor where the residual is linear: the columns of the factor, and what the sensor sees of them.
+    #[inline(always)]
+    fn seen<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(
+        belief: &SqrtGaussian<H::Space, T, N>,
+        sensor: &H,
+        given: &Given<H, T, N, M>,
+        root: Matrix<T, M, M>,
+    ) -> Stacked<T, N, M> {
+        let h = sensor.jacobian(&belief.mean, given);
+        let signal = sensor.project::<T, N>(&h, &transpose(&belief.factor));
+        let (mut e, mut d) = ([Row::<T, N, 1>::zeros(); M], [Row::<T, N, 1>::zeros(); N]);
+        for p in 0..packs::<T, N>() {
+            let column = columns::<T, N>(&belief.factor, 1.0, p);
+            for i in 0..N {
+                d[i].groups[0][p] = column[i];
+            }
+            for i in 0..M {
+                e[i].groups[0][p] = T::gather(
+                    #[inline(always)]
+                    |slot| if p * T::WIDTH + slot < N { signal[(p * T::WIDTH + slot, i)] } else { T::zero() },
+                );
+            }
+        }
+        Stacked::new(root, e, d)
+    }
+
+    /// The joint factor by sigma points, and the bias of the predicted measurement. Points come in pairs: the odd
+    /// parts of their images go with the state, the even ones do not.
+    #[inline(always)]
+    fn sampled<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(
+        &self,
+        belief: &SqrtGaussian<H::Space, T, N>,
+        sensor: &H,
+        given: &Given<H, T, N, M>,
+        root: Matrix<T, M, M>,
+    ) -> (Stacked<T, N, M>, Vector<T, M>) {
+        let spread = self.weights.spread(N);
+        let x = H::Space::map(&belief.mean, T::stack);
+        let known = H::Given::map(given, T::stack);
+        let origin = H::Value::map(&sensor.predict(&belief.mean, given), T::stack);
+        let images = Images::<T, N, M>::new(
+            &belief.factor,
+            spread.sqrt(),
+            #[inline(always)]
+            |d| sensor.residual(&sensor.predict(&H::Space::retract(&x, d), &known), &origin),
+        );
+        let bias = images.mean(0.5 / spread, 0);
+        let (mut e, mut d) = ([Row::<T, N, 2>::zeros(); M], [Row::<T, N, 2>::zeros(); N]);
+        let half = 0.5 / spread.sqrt();
+        for p in 0..packs::<T, N>() {
+            let column = columns::<T, N>(&belief.factor, 1.0, p);
+            for i in 0..N {
+                d[i].groups[0][p] = column[i];
+            }
+            for i in 0..M {
+                let (plus, minus) = (images.plus[p][i], images.minus[p][i]);
+                e[i].groups[0][p] = (plus - minus) * half;
+                e[i].groups[1][p] = (plus + minus) * half;
+            }
+        }
+        for i in 0..M {
+            e[i].one = bias[i] * self.weights.mean_weight().sqrt();
+        }
+        (Stacked::new(root, e, d), bias)
     }
 }
 
@@ -145,38 +240,32 @@ impl Filter for SrUkf {
         t: T,
         dt: T,
     ) -> T::Mask {
-        let spread = self.weights.spread(N);
-        let weight = 0.5 / spread;
-        let x = D::Space::map(&belief.mean, T::stack);
-        let input = D::Input::map(u, T::stack);
-        let (time, step) = (t.stack(), dt.stack());
-
-        let mut centre = belief.mean;
-        let mut origin = x;
-        let mut sum = [T::Pack::zero(); N];
-        let mut factor: Matrix<T, N, N> = zeros();
+        let moved = Spread::<D, T, N>::new(&self.weights, (&belief.mean, &belief.factor), dynamics, u, t, dt);
+        let noise = dynamics.noise_factor(&belief.mean, u, t, dt);
+        // images and mean, carried over the reset of the small mean deviation, beside a root of the noise
+        let (mut plus, mut minus) = (moved.images.plus, moved.images.minus);
+        let mut mean = [moved.mean.map(T::stack)];
+        D::Space::carry_columns::<T>(&moved.centre, &moved.mean, &mut plus[..packs::<T, N>()]);
+        D::Space::carry_columns::<T>(&moved.centre, &moved.mean, &mut minus[..packs::<T, N>()]);
+        D::Space::carry_columns::<T>(&moved.centre, &moved.mean, &mut mean);
+        let weight = (0.5 / self.weights.spread(N)).sqrt();
+        let mut rows = [Row::<T, N, 3>::zeros(); N];
         for p in 0..packs::<T, N>() {
-            let point = D::Space::retract(&x, &points::<T, N>(&belief.factor, spread.sqrt(), p));
-            let image = dynamics.step(&point, &input, time, step);
-            if p == 0 {
-                centre = D::Space::map(&image, |c| T::extract(c, 0));
-                origin = D::Space::map(&centre, T::stack);
-            }
-            let d = D::Space::local(&origin, &image);
+            let noise = columns::<T, N>(&noise, 1.0, p);
             for i in 0..N {
-                sum[i] += d[i];
+                rows[i].groups[0][p] = plus[p][i] * weight;
+                rows[i].groups[1][p] = minus[p][i] * weight;
+                rows[i].groups[2][p] = noise[i];
             }
-            absorb(&mut factor, &scaled(&d, weight.sqrt()));
         }
-        let mean = total::<T, N>(&sum, weight);
-        absorb(&mut factor, &column::<T, N>(&mean, self.weights.mean_weight().sqrt()));
-
-        // the reset of the small mean deviation, then the noise, both into a triangular factor
-        let mut moved = dynamics.noise_factor(&belief.mean, u, t, dt);
-        absorb_factor(&mut moved, &D::Space::transport_factor(&centre, &mean, &factor));
-        let new = SqrtGaussian { mean: D::Space::normalise(&D::Space::retract(&centre, &mean)), factor: moved };
+        for i in 0..N {
+            rows[i].one = T::extract(mean[0][i], 0) * self.weights.mean_weight().sqrt();
+        }
+        let mut factor: Matrix<T, N, N> = zeros();
+        absorb(&mut factor, &mut rows);
+        let new = SqrtGaussian { mean: moved.state(), factor };
         let ok = positive_pivots(&new.factor).and(new.healthy());
-        *belief = Belief::select(ok, &new, belief);
+        belief.take(ok, &new);
         ok
     }
 
@@ -202,33 +291,17 @@ impl Filter for SrUkf {
         z: &Value<H, T, N, M>,
         gate: T,
     ) -> Outcome<T, M> {
-        let spread = self.weights.spread(N);
-        let weight = 0.5 / spread;
-        let x = H::Space::map(&belief.mean, T::stack);
-        let known = H::Given::map(given, T::stack);
-        let centre = sensor.predict(&belief.mean, given);
-        let origin = H::Value::map(&centre, T::stack);
-
         let (root, factored) = cholesky(&sensor.noise(given));
-        let mut stacked = Stacked::<T, N, M> { root, gain: zeros(), rest: zeros() };
-        let mut sum = [T::Pack::zero(); M];
-        for p in 0..packs::<T, N>() {
-            let point = H::Space::retract(&x, &points::<T, N>(&belief.factor, spread.sqrt(), p));
-            let e = sensor.residual(&sensor.predict(&point, &known), &origin);
+        let mut innovation = sensor.residual(z, &sensor.predict(&belief.mean, given));
+        let stacked = if sensor.linear(&square(&belief.factor), self.weights.spread(N)) {
+            Self::seen(belief, sensor, given, root)
+        } else {
+            let (stacked, bias) = self.sampled(belief, sensor, given, root);
             for i in 0..M {
-                sum[i] += e[i];
+                innovation[i] -= bias[i];
             }
-            // deviations of the state, weighted: √(1/2c) √c = 1/√2
-            let d = points::<T, N>(&belief.factor, FRAC_1_SQRT_2, p);
-            stacked.absorb(&scaled(&e, weight.sqrt()), &d);
-        }
-        let bias = total::<T, M>(&sum, weight);
-        stacked.absorb(&column::<T, M>(&bias, self.weights.mean_weight().sqrt()), &[T::Pack::zero(); N]);
-
-        let mut innovation = sensor.residual(z, &centre);
-        for i in 0..M {
-            innovation[i] -= bias[i];
-        }
+            stacked
+        };
         let whitened = forward_solve(&stacked.root, &innovation);
         let nis = dot::<T, M>(|i| whitened[i], |i| whitened[i]);
         let s = mul_t(&stacked.root, &stacked.root);
@@ -240,25 +313,7 @@ impl Filter for SrUkf {
         };
         let ok = factored.and(positive_pivots(&stacked.rest)).and(new.healthy());
         let accepted = ok.and(gate.gt(nis));
-        *belief = Belief::select(accepted, &new, belief);
+        belief.take(accepted, &new);
         Outcome { ok, accepted, innovation, covariance, nis }
-    }
-}
-
-/// Absorbs the columns of any square root into a lower-triangular factor.
-#[inline(always)]
-fn absorb_factor<T: Real, const N: usize>(factor: &mut Matrix<T, N, N>, root: &Matrix<T, N, N>) {
-    for p in 0..N.div_ceil(T::WIDTH) {
-        let mut a = [T::Pack::zero(); N];
-        for i in 0..N {
-            a[i] = T::gather(
-                #[inline(always)]
-                |slot| {
-                    let k = p * T::WIDTH + slot;
-                    if k < N { root[(i, k)] } else { T::zero() }
-                },
-            );
-        }
-        absorb(factor, &a);
     }
 }

@@ -1,11 +1,12 @@
 //! Unscented Kalman filter on a manifold.
 
-use super::sigma::{Moments, Unscented, joint, packs, points};
-use super::{Filter, cast};
+use super::sigma::{Images, Spread, Unscented, joint};
+use super::{Ekf, Filter, cast};
 use crate::belief::{Belief, Gaussian, Joint, Outcome};
-use crate::linalg::{Matrix, add, apply, cholesky, dot, from_fn, gain, symmetric, zeros};
+use crate::linalg::{add, cholesky, from_fn, symmetric};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
+use crate::packed::{Packed, gain};
 use crate::scalar::{Mask, Real};
 
 /// Unscented Kalman filter: sigma points of the error state go through the full model; points are
@@ -36,31 +37,15 @@ impl Filter for Ukf {
         t: T,
         dt: T,
     ) -> T::Mask {
-        let spread = self.weights.spread(N);
         let (root, factored) = cholesky(&belief.cov);
-        let x = D::Space::map(&belief.mean, T::stack);
-        let input = D::Input::map(u, T::stack);
-        let (time, step) = (t.stack(), dt.stack());
-
-        let mut centre = belief.mean;
-        let mut origin = x;
-        let mut moments = Moments::<T, N>::new();
-        for p in 0..packs::<T, N>() {
-            let point = D::Space::retract(&x, &points::<T, N>(&root, spread.sqrt(), p));
-            let image = dynamics.step(&point, &input, time, step);
-            if p == 0 {
-                centre = D::Space::map(&image, |c| T::extract(c, 0));
-                origin = D::Space::map(&centre, T::stack);
-            }
-            moments.add(&D::Space::local(&origin, &image));
-        }
-        let (mean, cov) = moments.finish(0.5 / spread, self.weights.mean_weight());
+        let moved = Spread::<D, T, N>::new(&self.weights, (&belief.mean, &root), dynamics, u, t, dt);
+        let cov = moved.covariance(&self.weights, |i, j| belief.cov[(i, j)]);
         let new = Gaussian {
-            mean: D::Space::normalise(&D::Space::retract(&centre, &mean)),
-            cov: add(&D::Space::transport(&centre, &mean, &cov), &dynamics.noise(&belief.mean, u, t, dt)),
+            mean: moved.state(),
+            cov: add(&D::Space::transport(&moved.centre, &moved.mean, &cov), &dynamics.noise(&belief.mean, u, t, dt)),
         };
         let ok = factored.and(new.finite());
-        *belief = Belief::select(ok, &new, belief);
+        belief.take(ok, &new);
         ok
     }
 
@@ -87,43 +72,42 @@ impl Filter for Ukf {
         gate: T,
     ) -> Outcome<T, M> {
         let spread = self.weights.spread(N);
+        if sensor.linear(&belief.cov, spread) {
+            return Ekf::default().update(belief, sensor, given, z, gate);
+        }
         let (root, factored) = cholesky(&belief.cov);
         let x = H::Space::map(&belief.mean, T::stack);
         let known = H::Given::map(given, T::stack);
         let centre = sensor.predict(&belief.mean, given);
         let origin = H::Value::map(&centre, T::stack);
-
-        let mut moments = Moments::<T, M>::new();
-        let mut cross: Matrix<T::Pack, N, M> = zeros();
-        for p in 0..packs::<T, N>() {
-            let d = points::<T, N>(&root, spread.sqrt(), p);
-            let e = sensor.residual(&sensor.predict(&H::Space::retract(&x, &d), &known), &origin);
-            moments.add(&e);
-            for j in 0..M {
-                for i in 0..N {
-                    cross[(i, j)] = d[i].mul_add(e[j], cross[(i, j)]);
-                }
-            }
-        }
-        let weight = 0.5 / spread;
-        let (bias, spread_of_images) = moments.finish(weight, self.weights.mean_weight());
-        let covariance = add(&spread_of_images, &sensor.noise(given));
-        let cross: Matrix<T, N, M> = from_fn(|i, j| T::total(cross[(i, j)]) * weight);
+        let images = Images::<T, N, M>::new(
+            &root,
+            spread.sqrt(),
+            #[inline(always)]
+            |d| sensor.residual(&sensor.predict(&H::Space::retract(&x, d), &known), &origin),
+        );
+        let (weight, of_mean) = (0.5 / spread, self.weights.mean_weight());
+        let bias = images.mean(weight, 0);
+        let noise = sensor.noise(given);
+        let covariance = symmetric(|i, j| {
+            (bias[i] * of_mean).mul_add(bias[j], images.covariance(i, j, weight)) + noise[(i, j)]
+        });
+        let cross = images.cross(&root, spread.sqrt(), weight);
 
         let mut innovation = sensor.residual(z, &centre);
         for i in 0..M {
             innovation[i] -= bias[i];
         }
         let (gain, nis, solved) = gain(&cross, &covariance, &innovation);
-        let step = apply(&gain, &innovation);
-        let cov = symmetric(|i, j| belief.cov[(i, j)] - dot::<T, M>(|m| gain[(i, m)], |m| cross[(j, m)]));
+        let step = gain.apply(&innovation);
+        let cov = Packed::new(&belief.cov).minus(&gain, |m, j| cross[(j, m)]).symmetric();
         let new = Gaussian {
             mean: H::Space::normalise(&H::Space::retract(&belief.mean, &step)),
             cov: H::Space::transport(&belief.mean, &step, &cov),
         };
         let ok = factored.and(solved).and(new.healthy());
         let accepted = ok.and(gate.gt(nis));
-        *belief = Belief::select(accepted, &new, belief);
+        belief.take(accepted, &new);
         Outcome { ok, accepted, innovation, covariance, nis }
     }
 }

@@ -184,18 +184,18 @@ struct Cursor<B> {
     events: usize,
 }
 
-/// Log-likelihood of measurements. Determinants are multiplied as long as they can be: a logarithm of
-/// each would cost as much as a part of the update.
+/// Log-likelihood of measurements. Determinants are multiplied, and powers of two counted apart before they leave the
+/// range of a number: a logarithm of each would cost as much as a part of the update.
 struct Evidence {
     squares: f64,
-    logs: f64,
     product: f64,
+    powers: i64,
     numbers: usize,
 }
 
 impl Default for Evidence {
     fn default() -> Self {
-        Self { squares: 0.0, logs: 0.0, product: 1.0, numbers: 0 }
+        Self { squares: 0.0, product: 1.0, powers: 0, numbers: 0 }
     }
 }
 
@@ -208,13 +208,17 @@ impl Evidence {
         self.squares += report.nis;
         self.numbers += report.dof;
         self.product *= report.determinant();
-        if !(1e-150..1e150).contains(&self.product) {
-            self.logs += self.product.ln();
-            self.product = 1.0;
+        // a normal number's exponent, taken out of its bits
+        const ONE: u64 = 1023 << 52;
+        let bits = self.product.to_bits();
+        if self.product.is_normal() {
+            self.powers += (bits >> 52 & 0x7ff) as i64 - 1023;
+            self.product = f64::from_bits(bits & !(0x7ff << 52) | ONE);
         }
     }
     fn log(&self) -> f64 {
-        -0.5 * (self.squares + self.logs + self.product.ln() + self.numbers as f64 * std::f64::consts::TAU.ln())
+        let logs = self.product.ln() + self.powers as f64 * std::f64::consts::LN_2;
+        -0.5 * (self.squares + logs + self.numbers as f64 * std::f64::consts::TAU.ln())
     }
 }
 
@@ -257,7 +261,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
         }
         let before = (0..self.sensors.len()).take_while(|i| self.sensors.time(*i) < start.t).count();
         let window = Window::new(belief, start.t, first);
-        let mut cursor = Cursor {
+        let mut cursor = Box::new(Cursor {
             belief,
             t: start.t,
             measurement: before,
@@ -265,7 +269,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             evidence: Evidence::default(),
             written: 0,
             events: 0,
-        };
+        });
         let every = match self.output {
             Output::Every(n) => n,
             Output::Period(_) => usize::MAX,

@@ -4,8 +4,9 @@ use super::{Drive, End, Sink};
 use crate::belief::{Belief, Gaussian};
 use crate::error::{Error, Result};
 use crate::filter::Filter;
-use crate::linalg::{Matrix, add, apply, congruence, from_fn, gain, mul, mul_t, square, subtract, symmetric};
+use crate::linalg::{Matrix, add, congruence, from_fn, mul, mul_t, square, subtract, symmetric};
 use crate::manifold::{Family, Manifold};
+use crate::packed::gain;
 use crate::model::{Dynamics, Input};
 use crate::scalar::Real;
 
@@ -28,7 +29,8 @@ pub fn step_back<F: Filter, D: Dynamics<N>, T: Real<Mask = bool>, const N: usize
     let news = D::Space::local(&joint.mean, &after.mean);
     let then = D::Space::transport_back(&joint.mean, &news, &after.cov);
     let (smoother, _, solved) = gain(&mul_t(&joint.root, &joint.image), &joint.cov, &news);
-    let step = apply(&smoother, &news);
+    let step = smoother.apply(&news);
+    let smoother = smoother.matrix();
     let left = subtract(&joint.root, &mul(&smoother, &joint.image));
     let cov = add(&square(&left), &congruence(&smoother, &add(&joint.rest, &then)));
     let x = belief.mean();

@@ -1,7 +1,7 @@
 //! Eight lanes as a plain array: each operation is one loop over the lanes, which the compiler turns
 //! into vector instructions of whatever instruction set the calling function is compiled for.
 
-use super::{Level, Mask, Real, mul_add};
+use super::{Level, Mask, Real, Rows, mul_add};
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// An array of an expression in each of the eight lanes, written out: the optimiser unrolls a loop of eight all the
@@ -47,6 +47,10 @@ impl Mask for Mask8 {
         (m[0] | m[1] | m[2] | m[3]) | (m[4] | m[5] | m[6] | m[7]) != 0
     }
     #[inline(always)]
+    fn from_lanes(mut lane: impl FnMut(usize) -> bool) -> Self {
+        Mask8(lanes!(|i| if lane(i) { !0 } else { 0 }))
+    }
+    #[inline(always)]
     fn lane(self, i: usize) -> bool {
         self.0[i] != 0
     }
@@ -61,12 +65,6 @@ impl<const FMA: bool> Lanes<FMA> {
     #[inline(always)]
     fn zip(self, b: Self, f: impl Fn(f64, f64) -> f64 + Copy) -> Self {
         Lanes(lanes!(|i| f(self.0[i], b.0[i])))
-    }
-    /// Sum over the lanes, in one fixed order.
-    #[inline(always)]
-    pub fn lane_sum(self) -> f64 {
-        let a = self.0;
-        ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]))
     }
 }
 
@@ -112,9 +110,10 @@ impl<const F: bool> SubAssign for Lanes<F> {
 
 impl<const FMA: bool> Real for Lanes<FMA> {
     const LANES: usize = 8;
-    const LEVEL: Level = if FMA { Level::Avx2 } else { Level::Portable };
+    const LEVEL: Level = Level::Portable;
     type Mask = Mask8;
     type Pack = Self;
+    type Rows = Self;
     const WIDTH: usize = 1;
     #[inline(always)]
     fn stack(self) -> Self {
@@ -131,6 +130,11 @@ impl<const FMA: bool> Real for Lanes<FMA> {
     #[inline(always)]
     fn total(pack: Self) -> Self {
         pack
+    }
+    #[inline(always)]
+    fn lane_sum(self) -> f64 {
+        let a = self.0;
+        ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]))
     }
     #[inline(always)]
     fn splat(x: f64) -> Self {
@@ -181,5 +185,41 @@ impl<const FMA: bool> Real for Lanes<FMA> {
     fn select(mask: Mask8, yes: Self, no: Self) -> Self {
         let one = |i: usize| (yes.0[i].to_bits() & mask.0[i]) | (no.0[i].to_bits() & !mask.0[i]);
         Lanes(lanes!(|i| f64::from_bits(one(i))))
+    }
+}
+
+/// Four rows of a plain `f64`.
+#[derive(Clone, Copy, Debug)]
+pub struct Four([f64; 4]);
+
+impl Four {
+    #[inline(always)]
+    fn zip(self, b: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+        let (a, b) = (self.0, b.0);
+        Self([f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2]), f(a[3], b[3])])
+    }
+}
+
+impl Rows<f64> for Four {
+    const WIDTH: usize = 4;
+    #[inline(always)]
+    fn gather(mut row: impl FnMut(usize) -> f64) -> Self {
+        Self([row(0), row(1), row(2), row(3)])
+    }
+    #[inline(always)]
+    fn row(self, i: usize) -> f64 {
+        self.0[i]
+    }
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self.zip(other, |x, y| x + y)
+    }
+    #[inline(always)]
+    fn times(self, factor: f64) -> Self {
+        self.zip(self, |x, _| x * factor)
+    }
+    #[inline(always)]
+    fn times_plus(self, factor: f64, sum: Self) -> Self {
+        self.zip(sum, |x, y| x * factor + y)
     }
 }

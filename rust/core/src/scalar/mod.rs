@@ -4,6 +4,8 @@
 //! on one-lane scalars and stacks its sigma points into packs of eight; a batch of eight filters
 //! runs on packs directly. Code for lanes selects instead of branching.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
 mod dispatch;
 mod lanes;
 mod one;
@@ -14,12 +16,17 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 pub(crate) use dispatch::{Baseline, Runner};
 pub use dispatch::{Level, Run};
 pub use lanes::{Lanes, Mask8};
+#[cfg(target_arch = "x86_64")]
+pub use avx2::{Wide, WideMask};
+#[cfg(target_arch = "x86_64")]
 pub use one::Fused;
 
 /// Result of a comparison, one truth value per lane.
 pub trait Mask: Copy + Debug {
     /// True in every lane.
     const TRUE: Self;
+    /// From the lanes' truth values.
+    fn from_lanes(lane: impl FnMut(usize) -> bool) -> Self;
     /// Lane-wise conjunction.
     fn and(self, other: Self) -> Self;
     /// True if every lane is true.
@@ -57,6 +64,8 @@ pub trait Real:
     type Pack: Real<Pack = Self::Pack>;
     /// Slots in a pack.
     const WIDTH: usize;
+    /// What rows of a small matrix are put side by side in: see [`Rows`].
+    type Rows: Rows<Self>;
     /// The same number in every slot.
     fn stack(self) -> Self::Pack;
     /// A pack from its slots.
@@ -65,6 +74,8 @@ pub trait Real:
     fn extract(pack: Self::Pack, slot: usize) -> Self;
     /// Sum over the slots of a pack, in one fixed order.
     fn total(pack: Self::Pack) -> Self;
+    /// Sum over the lanes, in one fixed order.
+    fn lane_sum(self) -> f64;
 
     /// The same number in every lane.
     fn splat(x: f64) -> Self;
@@ -105,6 +116,47 @@ pub trait Real:
             p = p.mul_add(self, Self::splat(c[k]));
         }
         p
+    }
+}
+
+/// Rows of a column side by side: four of a one-lane scalar, or one where the lanes are taken already.
+pub trait Rows<T>: Copy {
+    /// How many.
+    const WIDTH: usize;
+    /// From the rows.
+    fn gather(row: impl FnMut(usize) -> T) -> Self;
+    /// One row.
+    fn row(self, i: usize) -> T;
+    /// Sum with another column.
+    fn plus(self, other: Self) -> Self;
+    /// Multiple of the column.
+    fn times(self, factor: T) -> Self;
+    /// `self * factor + sum`, as the scalar's [`Real::mul_add`].
+    fn times_plus(self, factor: T, sum: Self) -> Self;
+}
+
+/// Lanes that are taken already hold one row.
+impl<T: Real<Pack = T>> Rows<T> for T {
+    const WIDTH: usize = 1;
+    #[inline(always)]
+    fn gather(mut row: impl FnMut(usize) -> T) -> T {
+        row(0)
+    }
+    #[inline(always)]
+    fn row(self, _: usize) -> T {
+        self
+    }
+    #[inline(always)]
+    fn plus(self, other: T) -> T {
+        self + other
+    }
+    #[inline(always)]
+    fn times(self, factor: T) -> T {
+        self * factor
+    }
+    #[inline(always)]
+    fn times_plus(self, factor: T, sum: T) -> T {
+        self.mul_add(factor, sum)
     }
 }
 

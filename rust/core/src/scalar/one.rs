@@ -18,6 +18,10 @@ impl Mask for bool {
         self
     }
     #[inline(always)]
+    fn from_lanes(mut lane: impl FnMut(usize) -> bool) -> Self {
+        lane(0)
+    }
+    #[inline(always)]
     fn lane(self, _: usize) -> bool {
         self
     }
@@ -70,20 +74,21 @@ impl SubAssign for Fused {
 }
 
 macro_rules! one_lane {
-    ($type:ty, fma: $fma:literal, |$s:ident| $get:expr, $new:expr) => {
+    ($type:ty, pack: $pack:ty, rows: $rows:ty, level: $level:ident, fma: $fma:literal, |$s:ident| $get:expr, $new:expr) => {
         impl Real for $type {
             const LANES: usize = 1;
-            const LEVEL: Level = if $fma { Level::Avx2 } else { Level::Portable };
+            const LEVEL: Level = Level::$level;
             type Mask = bool;
-            type Pack = Lanes<$fma>;
+            type Pack = $pack;
+            type Rows = $rows;
             const WIDTH: usize = 8;
             #[inline(always)]
             fn stack(self) -> Self::Pack {
-                Lanes::splat(self.lane(0))
+                <$pack>::splat(self.lane(0))
             }
             #[inline(always)]
             fn gather(mut slot: impl FnMut(usize) -> Self) -> Self::Pack {
-                Lanes::from_lanes(|i| slot(i).lane(0))
+                <$pack>::from_lanes(|i| slot(i).lane(0))
             }
             #[inline(always)]
             fn extract(pack: Self::Pack, slot: usize) -> Self {
@@ -92,6 +97,10 @@ macro_rules! one_lane {
             #[inline(always)]
             fn total(pack: Self::Pack) -> Self {
                 $new(pack.lane_sum())
+            }
+            #[inline(always)]
+            fn lane_sum(self) -> f64 {
+                self.lane(0)
             }
             #[inline(always)]
             fn splat(x: f64) -> Self {
@@ -137,5 +146,6 @@ macro_rules! one_lane {
         }
     };
 }
-one_lane!(f64, fma: false, |x| x, std::convert::identity);
-one_lane!(Fused, fma: true, |x| x.0, Fused);
+one_lane!(f64, pack: Lanes<false>, rows: super::lanes::Four, level: Portable, fma: false, |x| x, std::convert::identity);
+#[cfg(target_arch = "x86_64")]
+one_lane!(Fused, pack: super::Wide, rows: super::avx2::Register, level: Avx2, fma: true, |x| x.0, Fused);

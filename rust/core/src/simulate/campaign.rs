@@ -213,10 +213,10 @@ impl<'a> Worker<'a> {
         let always = self.readings.fixes.iter().zip(&mut self.noise).zip(noise).zip(&e.cameras);
         let noise = always.map(|(((f, own), always), c)| noise_of(c.mounting, f, always, own));
         let series: Vec<AttitudeSensor<'_>> = (fixes.iter().zip(&known).zip(noise))
-            .map(|((q, (t, _)), noise)| AttitudeSensor::Star(StarSeries { t, q, noise }))
+            .map(|((q, (t, _)), noise)| AttitudeSensor::Star(StarSeries { t, q, noise: noise.into(), mounting: None }))
             .collect();
         let sensors = AttitudeSensors::new(&series, e.gate)?;
-        let gyro = GyroSeries { t: truth.t, rate, timing: e.timing };
+        let gyro = GyroSeries { t: truth.t, rate, turn: None, timing: e.timing };
         let start = match &e.begin {
             Begin::FirstFix(bias_sigma) => first_fix(&gyro, &sensors, &e.model, [0.0; 3], *bias_sigma)?,
             Begin::Drawn(covariance) => drawn(campaign, trial, covariance, &Attitude { q: truth.q[0], bias: bias[0] }),
