@@ -110,9 +110,14 @@ fn filter(filter: &attitude::AnyFilter, integrator: Integrator, steps: usize) ->
     let variance = SIGMA * SIGMA;
     let noise = vec![[variance, 0.0, 0.0, variance, 0.0, variance]; fix_t.len()];
     let fixes = steps / 2 + 1;
-    let stars = [AttitudeSensor::Star(StarSeries { t: &fix_t[..fixes], q: &fix_q[..fixes], noise: &noise[..fixes] })];
+    let stars = [AttitudeSensor::Star(StarSeries {
+        t: &fix_t[..fixes],
+        q: &fix_q[..fixes],
+        noise: noise[..fixes].into(),
+        mounting: None,
+    })];
     let timing = GyroTiming { sampling: Sampling::Hold, max_gap: 1.0, gap_rate_sigma: 1e-3 };
-    let gyro = GyroSeries { t: &t[..=steps], rate: &rate[..=steps], timing };
+    let gyro = GyroSeries { t: &t[..=steps], rate: &rate[..=steps], turn: None, timing };
     let sensors = AttitudeSensors::new(&stars, 1.0).unwrap();
     let mean = Attitude { q: fix_q[0], bias: [0.0; 3] };
     let start = Start { t: 0.0, mean, covariance: diagonal(SIGMA, 1e-3), used: Some(0) };
