@@ -49,9 +49,10 @@ class Row:
     left_out: str | None = None
 
     def add(self, made: Timed) -> None:
-        """Keep the shorter times."""
-        if not made.ns >= self.ns:
-            self.ns, self.base = made.ns, made.base
+        """Keep the shorter times, each for itself."""
+        self.ns = made.ns if math.isnan(self.ns) else min(self.ns, made.ns)
+        if made.base is not None:
+            self.base = made.base if self.base is None else min(self.base, made.base)
 
 
 class Session:
