@@ -34,8 +34,8 @@ say = @printf '\n== %s\n' "$(1)"
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test test-rust test-python lint wheel bench long docs picture clean distclean \
-        need-python need-cargo need-rust-tools
+.PHONY: help demo test test-rust test-python lint wheel bench instructions long docs picture \
+        clean distclean need-python need-cargo need-rust-tools
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/\1|\2/p' Makefile | awk -F'|' '{printf "make %-12s %s\n", $$1, $$2}'
@@ -82,8 +82,14 @@ long: $(STAMP_READY)  ## the long tests, which `make test` leaves out
 	$(PY) -m pytest -m long tests || test $$? -eq 5  # 5: there are none
 
 bench: $(STAMP_READY)  ## the benchmarks, on the release build
+	@mkdir -p build
 	cargo bench $(LOCKED) --package celestcore-core
 	$(PY) -m pytest -m bench -s tests || test $$? -eq 5  # 5: there are none
+	$(RUN) bench --json build/bench.json
+
+instructions: need-cargo  ## count the instructions of the core's kernels; needs valgrind
+	@mkdir -p build
+	@$(PYTHON) tools/instructions.py --json build/instructions.json
 
 docs: $(STAMP_READY)  ## build the documentation's site into build/site
 	@wheel=$$(echo dist/celestcore-*.whl) && $(PY) -m pip install --quiet "$$wheel[docs]"

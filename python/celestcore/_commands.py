@@ -237,6 +237,57 @@ def _reproduce(experiment: str, *options: Any) -> None:
         console.print(f"{name}: {path}", soft_wrap=True)
 
 
+@app.command(
+    epilog="Example: celestcore bench --against filterpy,numba --only mekf,ukf --json bench.json"
+)
+def bench(
+    against: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(
+            "--against",
+            metavar="WHOM",
+            help="Peers, e.g. filterpy,numba; all; or a program and its arguments that prints "
+            'lines {"task": .., "peer": .., "ns": ..}. May be given several times.',
+        ),
+    ] = None,
+    only: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--only", metavar="WORK,...", help="Some works, e.g. mekf,ukf; all."),
+    ] = None,
+    repeats: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--repeats", metavar="N", help="Rounds of everything in turn; 3."),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Small inputs, one run: too short to judge by.")
+    ] = False,
+    instructions: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--instructions", metavar="FILE", help="Counts that `make instructions` wrote."
+        ),
+    ] = None,
+    json_file: Figures = None,
+    markdown: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--markdown", metavar="FILE", help="Write a table for the documentation."),
+    ] = None,
+) -> None:
+    """Measure celestcore, and others at the same work in the same run."""
+    from celestcore.bench._command import Bench
+    from celestcore.bench._table import show
+
+    request = Bench(against or (), only, repeats, quick, instructions, json_file, markdown)
+    request.check()
+    with _progress("measuring") as advance:
+        report = request.run(advance)
+    written = request.write(report)
+    console = Console(stderr=request.to_stdout, highlight=False, markup=False)
+    show(console, report)
+    for name, path in written:
+        console.print(f"{name}: {path}", soft_wrap=True)
+
+
 def _command() -> list[str]:
     return ["celestcore", *sys.argv[1:]]
 

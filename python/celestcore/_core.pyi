@@ -13,6 +13,10 @@ __all__ = [
     "RefractionTable",
     "Update",
     "__version__",
+    "_bench_acceleration",
+    "_bench_level",
+    "_bench_propagate",
+    "_bench_resample",
     "calibrate",
     "camera_isotropic",
     "camera_observe",
@@ -239,6 +243,22 @@ class AttitudeStream:
     def _smoothed(self) -> tuple[_Array, _Array, _Array, _Array]: ...
     def _snapshot(self) -> _Snapshot: ...
     def _restore(self, parts: Any) -> None: ...
+
+# private: shortest of some runs [ns per item] and the result, for `celestcore bench`
+def _bench_level() -> str: ...
+def _bench_propagate(
+    q0: Sequence[float], rates: _Array, dt: float, repeats: int
+) -> tuple[float, _Array]: ...
+def _bench_resample(
+    way: str, weights: _Array, seed: int, repeats: int
+) -> tuple[float, NDArray[np.uintp]]: ...
+def _bench_acceleration(
+    forces: Mapping[str, Any],
+    tables: Mapping[str, Any] | None,
+    t: _Array,
+    state: _Array,
+    repeats: int,
+) -> tuple[float, _Array]: ...
 
 @disjoint_base
 class OrbitStream:

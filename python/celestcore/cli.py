@@ -1,4 +1,4 @@
-"""The command line: ``celestcore replay``, ``celestcore info``, ``celestcore reproduce``.
+"""The command line: ``celestcore replay``, ``info``, ``reproduce`` and ``bench``.
 
 This module needs numpy only; the commands themselves (typer, rich) are in `_commands`.
 """

@@ -1,6 +1,7 @@
 //! `celestcore._core`: numpy arrays in, numpy arrays out. Everything is computed in
 //! `celestcore-core`; documentation for users stands in the Python package.
 
+mod bench;
 mod camera;
 mod campaign;
 mod celestial;
@@ -37,6 +38,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("release_build", !cfg!(debug_assertions))?;
     m.add_function(wrap_pyfunction!(chi2_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(chi2_cdf, m)?)?;
+    bench::register(m)?;
     quaternions::register(m)?;
     refraction::register(m)?;
     replay::register(m)?;
