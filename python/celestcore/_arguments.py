@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -105,3 +106,14 @@ def covariance_of(sigma0: Sigma0 | None, covariance0: ArrayLike | None) -> Float
     sigma = sigma_of(sigma0)
     with np.errstate(over="ignore"):  # the core refuses what is not finite
         return np.diag(sigma * sigma)
+
+
+def processors(threads: int | None, *, alone: bool) -> int:
+    """Return the number of threads: all processors, or one for each task of an executor."""
+    if threads is not None:
+        return count(threads, "threads")
+    if not alone:
+        return 1
+    if hasattr(os, "sched_getaffinity"):  # what this process may use, in a container too
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
@@ -12,7 +11,7 @@ from uuid import uuid4
 import numpy as np
 
 from celestcore import _core
-from celestcore._arguments import Sigma0, count, each_checked, sigma_of
+from celestcore._arguments import Sigma0, count, each_checked, processors, sigma_of
 from celestcore._check import FloatArray, number, warn
 from celestcore._replay import BIAS_SIGMA
 from celestcore._scores import S
@@ -316,17 +315,6 @@ def described(
         "smooth": smooth,
         **start,
     }
-
-
-def processors(threads: int | None, *, alone: bool) -> int:
-    """Return the number of threads: all processors, or one for each task of an executor."""
-    if threads is not None:
-        return count(threads, "threads")
-    if not alone:
-        return 1
-    if hasattr(os, "sched_getaffinity"):  # what this process may use, in a container too
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def warn_of_failures(scores: Mapping[str, S]) -> None:

@@ -157,12 +157,14 @@ fn made_again(i: usize) -> Made {
 }
 
 #[test]
-fn levels_agree() {
+fn a_level_without_lanes_runs_one_by_one() {
     let logs = mixed();
     for filter in filters() {
         let plain = replayed(&filter, &logs, 5, Level::Portable, 1.0, true);
+        let alone = replayed(&filter, &logs, 5, Level::Portable, 1.0, false);
         let best = replayed(&filter, &logs, 5, Level::best(), 1.0, true);
-        for ((a, _), (b, _)) in plain.iter().zip(&best) {
+        for (((a, _), (b, _)), (c, _)) in plain.iter().zip(&best).zip(&alone) {
+            assert_eq!((&a.q, &a.sigma, &a.nis), (&c.q, &c.sigma, &c.nis));
             for (p, q) in a.sigma.iter().flatten().zip(b.sigma.iter().flatten()) {
                 assert!((p / q - 1.0).abs() < 1e-9);
             }

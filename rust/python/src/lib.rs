@@ -10,6 +10,7 @@ mod columns;
 mod convert;
 mod errors;
 mod listener;
+mod many;
 mod orbit;
 mod quaternions;
 mod refraction;
@@ -41,6 +42,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     bench::register(m)?;
     quaternions::register(m)?;
     refraction::register(m)?;
+    many::register(m)?;
     replay::register(m)?;
     camera::register(m)?;
     wahba::register(m)?;

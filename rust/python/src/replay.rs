@@ -88,13 +88,13 @@ impl Setup {
 }
 
 /// One sensor's arrays, borrowed from Python for the time of a run, and how it is mounted.
-enum Sensor<'py> {
+pub(crate) enum Sensor<'py> {
     Star(Array<'py>, Array<'py>, Array<'py>, Option<[f64; 4]>),
     Direction(Array<'py>, Array<'py>, Array<'py>, Array<'py>, Option<[f64; 9]>),
 }
 
 impl<'py> Sensor<'py> {
-    fn new(item: &Bound<'py, PyTuple>) -> PyResult<Self> {
+    pub(crate) fn new(item: &Bound<'py, PyTuple>) -> PyResult<Self> {
         let kind: String = item.get_item(0)?.extract()?;
         let array = |i: usize| item.get_item(i)?.extract::<Array<'py>>();
         match kind.as_str() {
@@ -103,7 +103,7 @@ impl<'py> Sensor<'py> {
             other => Err(input(item.py(), &format!("unknown kind of sensor {other:?}"))),
         }
     }
-    fn series(&self) -> PyResult<AttitudeSensor<'_>> {
+    pub(crate) fn series(&self) -> PyResult<AttitudeSensor<'_>> {
         Ok(match self {
             Self::Star(t, q, noise, mounting) => AttitudeSensor::Star(StarSeries {
                 t: flat(t, "star time")?,
@@ -139,17 +139,17 @@ type Given<'py> = Option<(f64, [f64; 4], Array<'py>)>;
 
 /// A log and how to start on it.
 #[derive(FromPyObject)]
-struct Replayed<'py> {
+pub(crate) struct Replayed<'py> {
     #[pyo3(item)]
-    gyro_t: Array<'py>,
+    pub(crate) gyro_t: Array<'py>,
     #[pyo3(item)]
-    gyro_rate: Array<'py>,
+    pub(crate) gyro_rate: Array<'py>,
     #[pyo3(item)]
     gyro_turn: Option<[f64; 9]>,
     #[pyo3(item)]
-    sensors: Vec<Bound<'py, PyTuple>>,
+    pub(crate) sensors: Vec<Bound<'py, PyTuple>>,
     #[pyo3(item)]
-    setup: Setup,
+    pub(crate) setup: Setup,
     #[pyo3(item)]
     start: Given<'py>,
     #[pyo3(item)]
@@ -161,22 +161,22 @@ struct Replayed<'py> {
     #[pyo3(item)]
     period: Option<f64>,
     #[pyo3(item)]
-    covariance: bool,
+    pub(crate) covariance: bool,
     #[pyo3(item)]
-    innovations: String,
+    pub(crate) innovations: String,
     #[pyo3(item)]
     portable: bool,
     #[pyo3(item)]
-    progress: Option<Py<PyAny>>,
+    pub(crate) progress: Option<Py<PyAny>>,
 }
 
 impl<'py> Replayed<'py> {
-    fn options(&self) -> Options {
+    pub(crate) fn options(&self) -> Options {
         let level = if self.portable { Level::Portable } else { Level::best() };
         Options { output: self.period.map_or(Output::Every(self.every), Output::Period), level }
     }
 
-    fn gyro(&self, timing: GyroTiming) -> PyResult<GyroSeries<'_>> {
+    pub(crate) fn gyro(&self, timing: GyroTiming) -> PyResult<GyroSeries<'_>> {
         let (t, rate) = (flat(&self.gyro_t, "gyro time")?, rows(&self.gyro_rate, "gyro rates")?);
         Ok(GyroSeries { t, rate, turn: self.gyro_turn, timing })
     }
@@ -246,7 +246,7 @@ impl<'py> Replayed<'py> {
         Ok((out, end))
     }
 
-    fn begin(
+    pub(crate) fn begin(
         &self,
         py: Python<'py>,
         gyro: &GyroSeries<'_>,
@@ -274,7 +274,7 @@ impl<'py> Replayed<'py> {
     }
 }
 
-type Begin = Start<AttitudeBias, 6>;
+pub(crate) type Begin = Start<AttitudeBias, 6>;
 type Poll<'a> = &'a mut dyn FnMut(usize) -> Result<(), Error>;
 
 /// A whole log, forward, or forward and back.
@@ -315,7 +315,7 @@ fn calibrate<'py>(
     Ok(out)
 }
 
-fn finish(
+pub(crate) fn finish(
     py: Python<'_>,
     out: &Bound<'_, PyDict>,
     (t, outside, log_likelihood): (f64, usize, f64),

@@ -18,7 +18,10 @@ use crate::linalg::from_fn;
 use crate::manifold::Family;
 use crate::replay::{End, Evidence, Output, Report, Start, first_sample};
 use crate::scalar::{Mask, Real, RunWide};
+use crate::simulate::{keep_on, over_threads};
 use std::cmp::Ordering;
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
 
 /// One log of several, and where its results go.
 pub struct Flight<'a> {
@@ -35,17 +38,18 @@ pub struct Flight<'a> {
 /// How an estimate of a log ended: an error of one log is not one of the others.
 type Ended = Result<End<AttitudeBias, 6>>;
 
-const LANES: usize = 8;
+/// Logs side by side.
+pub const LANES: usize = 8;
 
 /// Rounds between two calls of `poll`.
 const CHUNK: usize = 1024;
 
-/// Whether a filter runs in lanes over such a log. Other filters, direction sensors and output at a period of its own
-/// run one log at a time.
-pub fn in_lanes(filter: &AnyFilter, log: &Log<'_>, output: Output) -> bool {
-    let known = matches!(filter, AnyFilter::Ekf(_) | AnyFilter::Ukf(_) | AnyFilter::SrUkf(_));
+/// Whether a filter runs in lanes over such a log. Other filters, direction sensors, output at a period of its own and
+/// levels without lanes run one log at a time.
+pub fn in_lanes(filter: &AnyFilter, log: &Log<'_>, options: &Options) -> bool {
+    let known = matches!(filter, AnyFilter::Ekf(_) | AnyFilter::Ukf(_));
     let stars = log.sensors.sensors().iter().all(|s| matches!(s, AttitudeSensor::Star(_)));
-    known && stars && matches!(output, Output::Every(n) if n > 0)
+    options.level.has_lanes() && known && stars && matches!(options.output, Output::Every(n) if n > 0)
 }
 
 /// Replays up to eight logs at a time, one after the other where they do not run [`in_lanes`]. Results differ from those
@@ -62,7 +66,7 @@ pub fn run_many(
     let mut ends: Vec<Option<Ended>> = flights.iter().map(|_| None).collect();
     let (mut wide, mut done) = (Vec::new(), 0);
     for (place, flight) in flights.into_iter().enumerate() {
-        if in_lanes(filter, &flight.log, options.output) {
+        if in_lanes(filter, &flight.log, options) {
             wide.push((place, flight));
             continue;
         }
@@ -84,8 +88,7 @@ pub fn run_many(
         let found = match filter {
             AnyFilter::Ekf(f) => lanes(f, group, options, &mut |k| poll(done + k)),
             AnyFilter::Ukf(f) => lanes(f, group, options, &mut |k| poll(done + k)),
-            AnyFilter::SrUkf(f) => lanes(f, group, options, &mut |k| poll(done + k)),
-            AnyFilter::Iterated(_) | AnyFilter::Invariant | AnyFilter::Literal(_) => continue,
+            _ => continue,
         }?;
         for (place, end) in places.into_iter().zip(found) {
             ends[place] = Some(end);
@@ -93,6 +96,32 @@ pub fn run_many(
         done += samples;
     }
     Ok(ends.into_iter().map(|end| end.unwrap_or(Err(Error::Empty { field: "log" }))).collect())
+}
+
+/// [`run_many`] over threads, eight logs to a task: the same bits for any number of them. `poll` is called on the calling
+/// thread, at least 20 times a second, with the number of tasks done.
+///
+/// # Errors
+/// What `poll` returns.
+pub fn run_all(
+    filter: &AnyFilter,
+    flights: Vec<Flight<'_>>,
+    options: &Options,
+    threads: usize,
+    poll: &mut dyn FnMut(usize) -> Result<()>,
+) -> Result<Vec<Ended>> {
+    let mut groups = Vec::new();
+    let mut flights = flights.into_iter().peekable();
+    while flights.peek().is_some() {
+        groups.push(Mutex::new(flights.by_ref().take(LANES).collect::<Vec<_>>()));
+    }
+    let stop = AtomicBool::new(false);
+    let task = |(): &mut (), number: u64| {
+        let group = groups[number as usize].lock().map(|mut g| std::mem::take(&mut *g)).unwrap_or_default();
+        run_many(filter, group, options, &mut |_| keep_on(&stop))
+    };
+    let done = over_threads(0..groups.len() as u64, threads, &stop, (|| (), task), poll)?;
+    Ok(done.into_iter().flatten().collect())
 }
 
 /// Eight logs at most.
@@ -105,7 +134,7 @@ fn lanes<F: Filter>(
     let every = if let Output::Every(n) = options.output { n } else { 1 };
     let Some(model) = flights.first().map(|f| *f.log.model) else { return Ok(Vec::new()) };
     let lanes: Vec<Lane<'_>> = flights.into_iter().map(|flight| Lane::new(flight, &model, every)).collect();
-    options.level.run_wide(Batch { filter, model: &model, lanes, poll })
+    options.level.run_wide(Batch { filter, model: &model, lanes, poll }).unwrap_or(Ok(Vec::new()))
 }
 
 /// What a lane does next.

@@ -21,7 +21,7 @@ mod system;
 pub mod wahba;
 mod writer;
 
-pub use batch::{Flight, in_lanes, run_many};
+pub use batch::{Flight, LANES, in_lanes, run_all, run_many};
 pub use block::{Samples, Times};
 pub use calibration::{CALIBRATED, Calibrated, CalibratedSpace, Calibration, GuidedInput, GuidedInputs, GuidedSeries};
 pub use columns::{Buffers, Columns, Measured, Rows, Tally, rows};

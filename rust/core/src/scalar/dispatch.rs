@@ -3,7 +3,7 @@
 //! them is made at run time, once per run.
 #![allow(unsafe_code)]
 
-use super::{Lanes, Real};
+use super::Real;
 #[cfg(target_arch = "x86_64")]
 use super::{Fused, Wide};
 
@@ -60,14 +60,21 @@ impl Level {
         job.run::<f64>()
     }
 
-    /// Runs `job` on lanes at this level, or at the baseline where the processor does not have it.
-    pub fn run_wide<R: RunWide>(self, job: R) -> R::Output {
+    /// Whether eight problems side by side are faster here than one after the other: only vector registers make
+    /// them so, and each is one more copy of a whole filter.
+    pub fn has_lanes(self) -> bool {
+        self == Self::Avx2 && self.available()
+    }
+
+    /// Runs `job` on the lanes of this level; None where it has none.
+    pub fn run_wide<R: RunWide>(self, job: R) -> Option<R::Output> {
         #[cfg(target_arch = "x86_64")]
-        if self == Self::Avx2 && self.available() {
+        if self.has_lanes() {
             // SAFETY: the processor has the features, checked in the line above.
-            return unsafe { avx2_wide(job) };
+            return Some(unsafe { avx2_wide(job) });
         }
-        job.run::<Lanes<false>>()
+        let _ = job;
+        None
     }
 }
 

@@ -5,8 +5,8 @@ use super::rng::{Stream, channel};
 use super::score::{Flown, Score};
 use super::{Fixes, GyroErrors, Readings, Scenario, StarSource};
 use crate::attitude::{
-    AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, Buffers, GyroModel, GyroSeries, GyroTiming,
-    Log, Options, Rows, StarSeries, first_fix, rows, run, smooth,
+    AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, Buffers, Flight, GyroModel, GyroSeries,
+    GyroTiming, LANES, Log, Options, StarSeries, first_fix, rows, run, run_many, smooth,
 };
 use crate::error::{Error, Result};
 use crate::linalg::{Matrix, apply, cholesky_semidefinite, mul, transpose};
@@ -91,8 +91,18 @@ pub fn monte_carlo(
 ) -> Result<Vec<Vec<Scored>>> {
     let shared = Shared::new(campaign)?;
     let stop = AtomicBool::new(false);
-    let work = (|| Worker::new(&shared, &stop), |worker: &mut Worker<'_>, number| worker.trial(number));
-    over_threads(campaign.trials.clone(), threads, &stop, work, poll)
+    let trials = campaign.trials.clone();
+    let count = trials.end.saturating_sub(trials.start);
+    let size = side_by_side(campaign.scenario.truth.t.len()) as u64;
+    let block = |worker: &mut Worker<'_>, number: u64| {
+        let first = trials.start + number * size;
+        worker.block(first..(first + size).min(trials.end))
+    };
+    let work = (|| Worker::new(&shared, &stop), block);
+    let done = over_threads(0..count.div_ceil(size), threads, &stop, work, &mut |blocks| {
+        poll((blocks * size as usize).min(count as usize))
+    })?;
+    Ok(done.into_iter().flatten().collect())
 }
 
 /// What all threads read.
@@ -145,114 +155,180 @@ impl<'a> Shared<'a> {
     }
 }
 
-/// One thread's memory.
-struct Worker<'a> {
-    shared: &'a Shared<'a>,
-    stop: &'a AtomicBool,
-    readings: Readings,
-    /// Rates and fixes in the body frame, where a mounting makes them differ from the readings.
-    rate: Vec<[f64; 3]>,
-    fixes: Vec<Vec<Quaternion<f64>>>,
-    /// Noise of fixes that bring their own, in the body frame.
-    noise: Vec<Vec<[f64; 6]>>,
-    /// Where there are fixes in this trial; see [`Shared`].
-    fixed: Vec<bool>,
-    /// Biases as an estimator sees them.
-    bias: Vec<[f64; 3]>,
-    buffers: Buffers,
-    rows: Rows,
+/// Memory of the trials that run side by side, in bytes, at most; with what a row of results takes.
+const MEMORY: usize = 256 << 20;
+const ROW: usize = 640;
+
+/// Trials that run side by side: by the scenario alone, so that a trial's result does not depend on how a campaign is cut.
+fn side_by_side(steps: usize) -> usize {
+    (MEMORY / (ROW * steps.max(1))).clamp(1, LANES)
 }
 
-impl<'a> Worker<'a> {
-    fn new(shared: &'a Shared<'a>, stop: &'a AtomicBool) -> Self {
-        let rows = Rows { output: 0, measured: 0 };
-        Self {
-            shared,
-            stop,
-            readings: Readings::default(),
-            rate: Vec::new(),
-            bias: Vec::new(),
-            fixes: vec![Vec::new(); shared.campaign.scenario.cameras.len()],
-            noise: vec![Vec::new(); shared.campaign.scenario.cameras.len()],
-            fixed: Vec::new(),
-            buffers: Buffers::new(rows, true),
-            rows,
-        }
-    }
+/// One trial's memory.
+#[derive(Default)]
+struct Trial {
+    number: u64,
+    readings: Readings,
+    /// Where there are fixes in this trial; see [`Shared`].
+    fixed: Vec<bool>,
+    own: Own,
+    buffers: Buffers,
+}
 
-    fn trial(&mut self, trial: u64) -> Result<Vec<Scored>> {
-        let campaign = self.shared.campaign;
-        let mut keep_on = || keep_on(self.stop);
-        campaign.scenario.simulate(campaign.seed, trial, &mut self.readings, &mut keep_on)?;
-        self.fixed.clone_from(&self.shared.fixed);
+/// Readings in the body frame, where a mounting makes them differ from the sensors'.
+#[derive(Default)]
+struct Own {
+    rate: Vec<[f64; 3]>,
+    fixes: Vec<Vec<Quaternion<f64>>>,
+    /// Noise of fixes that bring their own.
+    noise: Vec<Vec<[f64; 6]>>,
+    /// Biases as an estimator sees them.
+    bias: Vec<[f64; 3]>,
+}
+
+/// A trial as an estimator sees it.
+struct View<'a> {
+    number: u64,
+    rate: &'a [[f64; 3]],
+    bias: &'a [[f64; 3]],
+    fixed: &'a [bool],
+    fixes: Vec<&'a [Quaternion<f64>]>,
+    true_fixes: Vec<&'a [Quaternion<f64>]>,
+    series: Vec<AttitudeSensor<'a>>,
+}
+
+impl Trial {
+    fn simulate(&mut self, shared: &Shared<'_>, number: u64, stop: &AtomicBool) -> Result<()> {
+        let campaign = shared.campaign;
+        self.number = number;
+        campaign.scenario.simulate(campaign.seed, number, &mut self.readings, &mut || keep_on(stop))?;
+        self.fixed.clone_from(&shared.fixed);
         for (camera, fixes) in campaign.scenario.cameras.iter().zip(&self.readings.fixes) {
             if matches!(camera, StarSource::Field(_)) {
                 mark(&mut self.fixed, campaign.scenario.truth.t, camera.known(fixes).0);
             }
         }
-        let mut out = Vec::with_capacity(campaign.estimators.len());
-        for number in 0..campaign.estimators.len() {
-            out.push(match self.estimate(number, trial) {
-                Err(error @ Error::NotPositiveDefinite { .. }) => Err(error),
-                other => Ok(other?),
-            });
+        Ok(())
+    }
+
+    /// What estimator `e` sees, and the memory for its results.
+    fn view<'a>(
+        &'a mut self,
+        campaign: &'a Campaign<'_>,
+        e: &Estimator,
+        noise: &'a [Vec<[f64; 6]>],
+    ) -> (View<'a>, &'a mut Buffers) {
+        let Self { number, readings, fixed, own, buffers } = self;
+        let cameras = &campaign.scenario.cameras;
+        own.fixes.resize_with(cameras.len(), Vec::new);
+        own.noise.resize_with(cameras.len(), Vec::new);
+        let rate = turned(e.gyro_turn.as_ref(), &readings.rate, &mut own.rate);
+        let bias = bias_of(e.gyro_turn.as_ref(), &campaign.scenario.gyro, &readings.bias, &mut own.bias);
+        let kept = readings.fixes.iter().zip(&mut own.fixes).zip(&e.cameras);
+        let fixes: Vec<&[Quaternion<f64>]> = kept.map(|((f, own), c)| of_body(c.mounting, &f.q, own)).collect();
+        let known: Vec<_> = cameras.iter().zip(&readings.fixes).map(|(c, f)| c.known(f)).collect();
+        let always = readings.fixes.iter().zip(&mut own.noise).zip(noise).zip(&e.cameras);
+        let noise = always.map(|(((f, own), always), c)| noise_of(c.mounting, f, always, own));
+        let series = (fixes.iter().zip(&known).zip(noise))
+            .map(|((q, (t, _)), noise)| AttitudeSensor::Star(StarSeries { t, q, noise: noise.into(), mounting: None }))
+            .collect();
+        let true_fixes = known.into_iter().map(|(_, q)| q).collect();
+        (View { number: *number, rate, bias, fixed, fixes, true_fixes, series }, buffers)
+    }
+}
+
+/// One thread's memory.
+struct Worker<'a> {
+    shared: &'a Shared<'a>,
+    stop: &'a AtomicBool,
+    trials: Vec<Trial>,
+}
+
+impl<'a> Worker<'a> {
+    fn new(shared: &'a Shared<'a>, stop: &'a AtomicBool) -> Self {
+        Self { shared, stop, trials: Vec::new() }
+    }
+
+    /// Some trials side by side: their scores, by trial and estimator.
+    fn block(&mut self, numbers: Range<u64>) -> Result<Vec<Vec<Scored>>> {
+        let count = (numbers.end - numbers.start) as usize;
+        self.trials.resize_with(count.max(self.trials.len()), Trial::default);
+        for (trial, number) in self.trials.iter_mut().zip(numbers) {
+            trial.simulate(self.shared, number, self.stop)?;
+        }
+        let mut out: Vec<Vec<Scored>> = (0..count).map(|_| Vec::new()).collect();
+        for number in 0..self.shared.campaign.estimators.len() {
+            for (scores, score) in out.iter_mut().zip(self.estimate(number, count)?) {
+                scores.push(score);
+            }
         }
         Ok(out)
     }
 
     /// Runs one estimator on the readings and scores it.
-    fn estimate(&mut self, number: usize, trial: u64) -> Result<Score> {
-        let (campaign, noise) = (self.shared.campaign, &self.shared.noise[number]);
-        let (truth, cameras) = (&campaign.scenario.truth, &campaign.scenario.cameras);
+    fn estimate(&mut self, number: usize, count: usize) -> Result<Vec<Scored>> {
+        let campaign = self.shared.campaign;
+        let truth = &campaign.scenario.truth;
         let e = &campaign.estimators[number];
-        let rate = turned(e.gyro_turn.as_ref(), &self.readings.rate, &mut self.rate);
-        let bias = bias_of(e.gyro_turn.as_ref(), &campaign.scenario.gyro, &self.readings.bias, &mut self.bias);
-        let kept = self.readings.fixes.iter().zip(&mut self.fixes).zip(&e.cameras);
-        let fixes: Vec<&[Quaternion<f64>]> = kept.map(|((f, own), c)| of_body(c.mounting, &f.q, own)).collect();
-        let known: Vec<_> = cameras.iter().zip(&self.readings.fixes).map(|(c, f)| c.known(f)).collect();
-        let always = self.readings.fixes.iter().zip(&mut self.noise).zip(noise).zip(&e.cameras);
-        let noise = always.map(|(((f, own), always), c)| noise_of(c.mounting, f, always, own));
-        let series: Vec<AttitudeSensor<'_>> = (fixes.iter().zip(&known).zip(noise))
-            .map(|((q, (t, _)), noise)| AttitudeSensor::Star(StarSeries { t, q, noise: noise.into(), mounting: None }))
-            .collect();
-        let sensors = AttitudeSensors::new(&series, e.gate)?;
-        let gyro = GyroSeries { t: truth.t, rate, turn: None, timing: e.timing };
-        let start = match &e.begin {
-            Begin::FirstFix(bias_sigma) => first_fix(&gyro, &sensors, &e.model, [0.0; 3], *bias_sigma)?,
-            Begin::Drawn(covariance) => drawn(campaign, trial, covariance, &Attitude { q: truth.q[0], bias: bias[0] }),
-        };
-        let needed = rows(&gyro, &sensors, &start, Output::Every(1))?;
-        if needed != self.rows {
-            (self.rows, self.buffers) = (needed, Buffers::new(needed, true));
+        let noise = &self.shared.noise[number];
+        let seen = self.trials[..count].iter_mut().map(|trial| trial.view(campaign, e, noise));
+        let (views, mut buffers): (Vec<View<'_>>, Vec<&mut Buffers>) = seen.unzip();
+        let gyros: Vec<_> =
+            views.iter().map(|v| GyroSeries { t: truth.t, rate: v.rate, turn: None, timing: e.timing }).collect();
+        let sensors: Vec<_> = views.iter().map(|v| AttitudeSensors::new(&v.series, e.gate)).collect::<Result<_>>()?;
+        let mut flights = Vec::with_capacity(count);
+        for (((view, gyro), sensors), buffers) in views.iter().zip(&gyros).zip(&sensors).zip(&mut buffers) {
+            let start = match &e.begin {
+                Begin::FirstFix(bias_sigma) => first_fix(gyro, sensors, &e.model, [0.0; 3], *bias_sigma)?,
+                Begin::Drawn(covariance) => {
+                    drawn(campaign, view.number, covariance, &Attitude { q: truth.q[0], bias: view.bias[0] })
+                }
+            };
+            let needed = rows(gyro, sensors, &start, Output::Every(1))?;
+            if needed.output != buffers.t.len() || needed.measured != buffers.measured_t.len() {
+                **buffers = Buffers::new(needed, true);
+            }
+            let (columns, measured) = buffers.columns();
+            flights.push(Flight { log: Log { model: &e.model, gyro, sensors }, start, columns, measured });
         }
-        let log = Log { model: &e.model, gyro: &gyro, sensors: &sensors };
         let began = Instant::now();
-        let end = run_or_smooth(e, log, &start, campaign.level, &mut self.buffers, self.stop)?;
-        let seconds = began.elapsed().as_secs_f64();
+        let ends = run_or_smooth(e, flights, campaign.level, side_by_side(truth.t.len()) > 1, self.stop)?;
+        let seconds = began.elapsed().as_secs_f64() / count as f64;
+
         let last = if e.smooth { truth.t[truth.t.len() - 1] - campaign.skip } else { f64::INFINITY };
         let window = [truth.t[0] + campaign.skip, last];
-        let true_fixes = known.into_iter().map(|(_, q)| q).collect();
-        Flown { truth, bias, fixed: &self.fixed, true_fixes, fixes, window }.score(&self.buffers, &end, seconds)
+        let mut scored = Vec::with_capacity(count);
+        for ((view, buffers), end) in views.into_iter().zip(buffers).zip(ends) {
+            let View { bias, fixed, true_fixes, fixes, .. } = view;
+            let flown = Flown { truth, bias, fixed, true_fixes, fixes, window };
+            scored.push(match end.and_then(|end| flown.score(buffers, &end, seconds)) {
+                Err(error @ Error::NotPositiveDefinite { .. }) => Err(error),
+                other => Ok(other?),
+            });
+        }
+        Ok(scored)
     }
 }
 
-/// The one place where a trial meets a filter or a smoother.
+/// The one place where trials meet a filter or a smoother.
 fn run_or_smooth(
     e: &Estimator,
-    log: Log<'_>,
-    start: &Start<AttitudeBias, 6>,
+    flights: Vec<Flight<'_>>,
     level: Level,
-    buffers: &mut Buffers,
+    lanes: bool,
     stop: &AtomicBool,
-) -> Result<End<AttitudeBias, 6>> {
+) -> Result<Vec<Result<End<AttitudeBias, 6>>>> {
     let options = Options { output: Output::Every(1), level };
-    let (columns, measured) = buffers.columns();
-    let mut poll = |_| keep_on(stop);
-    if e.smooth {
-        smooth(&e.filter, log, start, &options, columns, measured, &mut poll)
-    } else {
-        run(&e.filter, log, start, &options, columns, measured, &mut poll)
+    if lanes && !e.smooth {
+        return run_many(&e.filter, flights, &options, &mut |_| keep_on(stop));
     }
+    let one = |flight: Flight<'_>| {
+        let Flight { log, start, columns, measured } = flight;
+        let call = if e.smooth { smooth } else { run };
+        let end = call(&e.filter, log, &start, &options, columns, measured, &mut |_| keep_on(stop));
+        if let Err(Error::Interrupted) = end { Err(Error::Interrupted) } else { Ok(end) }
+    };
+    flights.into_iter().map(one).collect()
 }
 
 /// Truth with an error drawn from the covariance; truth = start ⊞ error.

@@ -1,0 +1,46 @@
+"""Several logs through one navigator, eight side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from celestcore import _core, _replay
+from celestcore._arguments import processors
+from celestcore._check import warn
+from celestcore.errors import InputError
+from celestcore.log import SensorLog
+from celestcore.solution import Solution
+
+if TYPE_CHECKING:
+    from celestcore.navigator import StarGyroNavigator
+
+
+def run_many(
+    nav: StarGyroNavigator,
+    logs: Iterable[SensorLog],
+    threads: int | None,
+    options: Mapping[str, Any],
+) -> list[Solution | None]:
+    """Return a solution for each log, None where the filter broke down."""
+    if isinstance(logs, SensorLog):
+        raise InputError("is one log; use run for it, or give a list", field="logs")
+    given = list(logs)
+    workers = processors(threads, alone=True)
+    calls: list[tuple[dict[str, Any], list[str]]] = []
+    for i, log in enumerate(given):
+        try:
+            calls.append(_replay.prepare(nav, log, options))
+        except InputError as error:
+            raise InputError(f"log {i}: {error}") from error
+    found = _core.replay_many([call for call, _ in calls], workers)
+    solutions: list[Solution | None] = []
+    for i, (log, (call, names), out) in enumerate(zip(given, calls, found, strict=True)):
+        if isinstance(out, str):
+            warn(f"log {i} has no solution: {out}")
+            solutions.append(None)
+            continue
+        solutions.append(
+            _replay.finish(nav, log, names, call, out, source=(log, dict(options)))
+        )
+    return solutions
