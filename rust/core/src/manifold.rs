@@ -81,6 +81,17 @@ pub trait Manifold<const N: usize>: Family {
     }
 }
 
+/// A vector from its components. A loop: the closure of `std::array::from_fn`, or of an array's `map`, may be compiled on its
+/// own, and that is for the baseline.
+#[inline(always)]
+pub(crate) fn components<T: Real, const N: usize>(mut component: impl FnMut(usize) -> T) -> Vector<T, N> {
+    let mut v = [T::zero(); N];
+    for i in 0..N {
+        v[i] = component(i);
+    }
+    v
+}
+
 /// Plain vectors of `N` components.
 pub struct Euclidean<const N: usize>;
 
@@ -88,10 +99,7 @@ impl<const N: usize> Family for Euclidean<N> {
     type Of<T: Real> = [T; N];
     #[inline(always)]
     fn zip<A: Real, B: Real, C: Real>(a: &[A; N], b: &[B; N], mut f: impl FnMut(A, B) -> C) -> [C; N] {
-        std::array::from_fn(
-            #[inline(always)]
-            |i| f(a[i], b[i]),
-        )
+        components(|i| f(a[i], b[i]))
     }
 }
 

@@ -8,7 +8,7 @@ use crate::horizon::{
     AngleNoise, Epochs, Expected, NadirPlane, RefractionAngle, RefractionGiven, Robust, StarAngle, StarGiven,
 };
 use crate::linalg::{Matrix, from_fn};
-use crate::manifold::Euclidean;
+use crate::manifold::{Euclidean, components};
 use crate::model::Measurement;
 use crate::quaternion::dot3;
 use crate::replay::{MAX_DOF, Report, Sensors};
@@ -64,7 +64,7 @@ impl Refraction<'_> {
     /// What is known of row `place` when the satellite is expected at `r`.
     #[inline(always)]
     fn given<T: Real>(&self, place: usize, r: &[T; 3]) -> RefractionGiven<T> {
-        let star = self.star[place].map(T::splat);
+        let star = components(|i| T::splat(self.star[place][i]));
         let density = self.model.ray(r, &star, T::one()).by_density * self.density_sigma;
         RefractionGiven { star, sigma: T::splat(self.sigma), density }
     }
@@ -187,7 +187,7 @@ impl<'a> CelestialSensors<'a> {
         let x = belief.mean();
         let r = [x[0], x[1], x[2]];
         let inverse = dot3(&r, &r).sqrt().recip();
-        let nadir = r.map(|c| -(c * inverse));
+        let nadir = components(|i| -(r[i] * inverse));
         let p = belief.covariance();
         let spread: Matrix<T, 3, 3> = from_fn(|i, j| p[(i, j)] * (inverse * inverse));
         let seen = horizon.epochs.rows(epoch).len();
@@ -233,7 +233,8 @@ impl Sensors<Euclidean<6>, 6> for CelestialSensors<'_> {
             Source::Horizon(h) if h.how == Use::Together => self.together::<F, T>(h, place, filter, belief),
             Source::Horizon(h) => {
                 let (star, angle) = h.epochs.sight(place);
-                let given = StarGiven { star: star.map(T::splat), sigma: T::splat(h.noise.variance().sqrt()) };
+                let given =
+                    StarGiven { star: components(|i| T::splat(star[i])), sigma: T::splat(h.noise.variance().sqrt()) };
                 let sensor = StarAngle { shape: h.noise.shape, limb: h.noise.limb };
                 filter.update::<_, T, 6, 1>(belief, &sensor, &given, &[T::splat(angle)], T::splat(self.gates[0])).into()
             }
@@ -250,13 +251,13 @@ impl Sensors<Euclidean<6>, 6> for CelestialSensors<'_> {
     fn log_likelihood<T: Real>(&self, i: usize, x: &[T; 6]) -> T {
         let r = [x[0], x[1], x[2]];
         let inverse = dot3(&r, &r).sqrt().recip();
-        let nadir = r.map(|c| -(c * inverse));
+        let nadir = components(|i| -(r[i] * inverse));
         let Item { sensor, place, .. } = self.order[i];
         match &self.sources[sensor] {
             Source::Horizon(h) => {
                 if h.noise.limb > 0.0 {
                     let (star, angle) = h.epochs.sight(place);
-                    let given = StarGiven { star: star.map(T::splat), sigma: T::splat(h.noise.own) };
+                    let given = StarGiven { star: components(|i| T::splat(star[i])), sigma: T::splat(h.noise.own) };
                     let sensor = StarAngle { shape: h.noise.shape, limb: h.noise.limb };
                     let left = T::splat(angle) - sensor.predict(x, &given)[0];
                     return h.noise.shape.log_density(left, h.noise.own);
