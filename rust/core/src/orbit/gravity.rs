@@ -3,7 +3,7 @@
 use super::field::Field;
 use super::vector::{dot3, point_mass_gradient};
 use crate::error::{Error, Result};
-use crate::linalg::{Matrix, add, from_fn};
+use crate::linalg::{Matrix, symmetric};
 use crate::scalar::Real;
 use std::sync::Arc;
 
@@ -62,8 +62,8 @@ impl J2 {
     /// Acceleration, m/s² (Ning and Ma 2010, eq. 1, with `(Re/r)²` where the print has `Re/r`).
     #[inline(always)]
     pub fn acceleration<T: Real>(&self, r: &[T; 3]) -> [T; 3] {
-        let i2 = dot3(r, r).recip();
-        let central = i2 * i2.sqrt() * -self.mu;
+        let (i2, i3) = inverse_powers(r);
+        let central = i3 * -self.mu;
         let k = i2 * (1.5 * self.j2 * self.radius * self.radius);
         let s5 = r[2] * r[2] * i2 * 5.0;
         let across = central * k.mul_add(T::one() - s5, T::one());
@@ -74,46 +74,50 @@ impl J2 {
     /// Derivative of the acceleration to the position, s⁻².
     #[inline(always)]
     pub fn gradient<T: Real>(&self, r: &[T; 3]) -> Matrix<T, 3, 3> {
-        let i2 = dot3(r, r).recip();
-        let central = i2 * i2.sqrt() * self.mu;
+        let (i2, i3) = inverse_powers(r);
+        let central = i3 * self.mu;
         let a = central * i2 * (1.5 * self.j2 * self.radius * self.radius);
         let s = r[2] * r[2] * i2;
-        let s5 = s * 5.0 - T::one();
-        let oblate = from_fn(
+        // multiples of r rᵀ, of the rows and columns of z in it, of the identity and of ẑ ẑᵀ
+        let outer = i2 * central.mul_add(T::splat(3.0), a * (T::splat(5.0) - s * 35.0));
+        let polar = i2 * a * 10.0;
+        let diagonal = a.mul_add(s * 5.0 - T::one(), -central);
+        symmetric(
             #[inline(always)]
             |i, j| {
-                // r rᵀ, the rows and columns of z, and the diagonal, of the derivative of a ((5s − 1) r − 2 z ẑ)
-                let mut g = r[i] * r[j] * i2 * (T::splat(5.0) - s * 35.0);
-                if i == 2 {
-                    g += r[2] * r[j] * i2 * 10.0;
+                let part = match (i, j) {
+                    (2, 2) => outer + polar + polar,
+                    (2, _) => outer + polar,
+                    _ => outer,
+                };
+                match (i, j) {
+                    (2, 2) => (r[2] * r[2]).mul_add(part, a.mul_add(T::splat(-2.0), diagonal)),
+                    _ if i == j => (r[i] * r[i]).mul_add(part, diagonal),
+                    _ => r[i] * r[j] * part,
                 }
-                if j == 2 {
-                    g += r[2] * r[i] * i2 * 10.0;
-                }
-                if i == j {
-                    g += s5;
-                }
-                if i == 2 && j == 2 {
-                    g += T::splat(-2.0);
-                }
-                a * g
             },
-        );
-        add(&point_mass_gradient(r, central, i2 * 3.0), &oblate)
+        )
     }
+}
+
+/// `|r|⁻²` and `|r|⁻³`; the root does not wait for the division.
+#[inline(always)]
+fn inverse_powers<T: Real>(r: &[T; 3]) -> (T, T) {
+    let square = dot3(r, r);
+    let i2 = square.recip();
+    (i2, i2 * i2 * square.sqrt())
 }
 
 /// Acceleration of a point mass, m/s².
 #[inline(always)]
 pub(super) fn two_body<T: Real>(mu: f64, r: &[T; 3]) -> [T; 3] {
-    let i2 = dot3(r, r).recip();
-    let c = i2 * i2.sqrt() * -mu;
+    let c = inverse_powers(r).1 * -mu;
     [c * r[0], c * r[1], c * r[2]]
 }
 
 /// Its gradient, s⁻².
 #[inline(always)]
 pub(super) fn two_body_gradient<T: Real>(mu: f64, r: &[T; 3]) -> Matrix<T, 3, 3> {
-    let i2 = dot3(r, r).recip();
-    point_mass_gradient(r, i2 * i2.sqrt() * mu, i2 * 3.0)
+    let (i2, i3) = inverse_powers(r);
+    point_mass_gradient(r, i3 * mu, i2 * 3.0)
 }

@@ -116,21 +116,6 @@ impl Rhs<42> for Variational<'_> {
     }
 }
 
-/// The same under closed-form gravity.
-pub(super) struct Oblate(pub(super) J2);
-
-impl Rhs<42> for Oblate {
-    type At<T: Real> = ();
-    #[inline(always)]
-    fn at<T: Real>(&self, _: T) {}
-    #[inline(always)]
-    fn slope<T: Real>(&self, (): &(), y: &[T; 42]) -> [T; 42] {
-        let r = [y[0], y[1], y[2]];
-        let (acceleration, by_position) = (self.0.acceleration(&r), self.0.gradient(&r));
-        variation(&Gradient { acceleration, by_position, by_velocity: None }, y)
-    }
-}
-
 /// Derivative of position, velocity and transition under an acceleration and its gradient.
 #[inline(always)]
 fn variation<T: Real>(g: &Gradient<T>, y: &[T; 42]) -> [T; 42] {

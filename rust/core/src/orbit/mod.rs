@@ -13,6 +13,7 @@ mod force;
 mod gravity;
 mod integrate;
 mod model;
+mod oblate;
 mod radiation;
 mod step;
 mod third_body;

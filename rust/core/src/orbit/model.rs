@@ -1,10 +1,10 @@
 //! The orbit as dynamics of a filter.
 
 use super::force::ForceModel;
-use super::integrate::{Oblate, rk4, with_identity};
+use super::oblate;
 use super::step::Steps;
 use crate::error::{Error, Result};
-use crate::linalg::{Matrix, add, congruence, from_fn, mul, zeros};
+use crate::linalg::{Matrix, add, congruence, mul, zeros};
 use crate::manifold::{Euclidean, Family};
 use crate::model::Dynamics;
 use crate::scalar::Real;
@@ -90,8 +90,7 @@ impl OrbitModel {
             return all.taylor();
         }
         let Some(j2) = self.force.closed() else { return all.with_transition() };
-        let y = rk4(&Oblate(j2), t, &with_identity(x), all.h, all.steps);
-        ([y[0], y[1], y[2], y[3], y[4], y[5]], from_fn(|i, j| y[6 + 6 * i + j]))
+        oblate::with_transition(&j2, x, all.h, all.steps)
     }
 
     #[inline(always)]
@@ -119,7 +118,7 @@ impl Dynamics<6> for OrbitModel {
             return all.taylor().0;
         }
         match self.force.closed() {
-            Some(j2) => rk4(&j2, t, x, all.h, all.steps),
+            Some(j2) => oblate::after(&j2, x, all.h, all.steps),
             None => all.after(),
         }
     }
@@ -127,6 +126,20 @@ impl Dynamics<6> for OrbitModel {
     #[inline(always)]
     fn noise<T: Real>(&self, _: &[T; 6], (): &(), _: T, dt: T) -> Matrix<T, 6, 6> {
         self.added(dt)
+    }
+
+    /// Of each axis by itself: the lower factor of `q [dt³/3, dt²/2; dt²/2, dt]`.
+    #[inline(always)]
+    fn noise_factor<T: Real>(&self, _: &[T; 6], (): &(), _: T, dt: T) -> Matrix<T, 6, 6> {
+        let velocity = (dt * (0.25 * self.accel_psd)).sqrt();
+        let position = velocity * dt * (2.0 / 3.0f64.sqrt());
+        let mut root = zeros();
+        for i in 0..3 {
+            root[(i, i)] = position;
+            root[(i + 3, i)] = velocity * 3.0f64.sqrt();
+            root[(i + 3, i + 3)] = velocity;
+        }
+        root
     }
 
     #[inline(always)]
