@@ -8,6 +8,7 @@ use super::noise::AngleNoise;
 use super::normal::{Expected, Fitted, Sums, inverse};
 use super::sights::{Robust, Sight, SightPack};
 use crate::error::{Error, Result};
+use crate::manifold::components;
 use crate::quaternion::{dot3, tangents};
 use crate::scalar::{Mask, Real};
 
@@ -135,12 +136,12 @@ impl Epochs {
                 return Some(sums.fitted(noise));
             }
             left -= 1;
-            let mut moved = nadir;
+            // of unit length again: the axes are at right angles to the direction and to each other
+            let scale = (square + T::one()).sqrt().recip();
             for i in 0..3 {
-                moved[i] = step[1].mul_add(sums.axes[1][i], step[0].mul_add(sums.axes[0][i], nadir[i]));
+                let moved = step[1].mul_add(sums.axes[1][i], step[0].mul_add(sums.axes[0][i], nadir[i]));
+                nadir[i] = moved * scale;
             }
-            let length = dot3(&moved, &moved).sqrt().recip();
-            nadir = [moved[0] * length, moved[1] * length, moved[2] * length];
         }
     }
 
@@ -163,8 +164,7 @@ impl Epochs {
         let mut first = rows.start;
         while first < rows.end {
             let pack = self.pack::<T>(first, rows.end);
-            let (left, sine) = pack.left(&down);
-            let inverse = sine.recip();
+            let (left, sine, inverse) = pack.left(&down);
             let e = [-dot3(&pack.star, &across[0]) * inverse, -dot3(&pack.star, &across[1]) * inverse];
             // a star at the nadir or the zenith has no derivative, and says nothing to first order
             let seen = sine.gt(T::Pack::splat(1e-9));
@@ -220,8 +220,9 @@ impl Epochs {
             }
             return sum;
         }
-        let Some(fitted) = self.direction(epoch, noise, &nadir.map(|c| c.lane(0))) else { return T::zero() };
-        let axes = fitted.given.axes.map(|axis| axis.map(T::splat));
+        let Some(fitted) = self.direction(epoch, noise, &components(|i| nadir[i].lane(0))) else { return T::zero() };
+        let axis = |k: usize| components(|i| T::splat(fitted.given.axes[k][i]));
+        let axes = [axis(0), axis(1)];
         let off = |i: usize| T::splat(fitted.value[i]) - dot3(&axes[i], nadir);
         let (a, b) = (off(0), off(1));
         let [aa, ab, bb] = fitted.given.noise;
@@ -245,7 +246,7 @@ impl Epochs {
     fn left<T: Real>(&self, row: usize, nadir: &[T; 3]) -> T {
         let sight = &self.sights[row];
         let one = SightPack::<T> {
-            star: sight.star.map(T::splat),
+            star: components(|i| T::splat(sight.star[i])),
             cos: T::splat(sight.cos),
             sin: T::splat(sight.sin),
             filled: T::one(),

@@ -35,15 +35,18 @@ pub(super) struct SightPack<P> {
 }
 
 impl<P: Real> SightPack<P> {
-    /// Measured angle less the one at a nadir direction, and the sine of that.
+    /// Measured angle less the one at a nadir direction, the sine of that, and the sine's reciprocal (not a number for a star
+    /// at the nadir or the zenith).
     #[inline(always)]
-    pub(super) fn left(&self, nadir: &[P; 3]) -> (P, P) {
+    pub(super) fn left(&self, nadir: &[P; 3]) -> (P, P, P) {
         let across = cross(&self.star, nadir);
-        let sine = dot3(&across, &across).sqrt();
+        let square = dot3(&across, &across);
+        let sine = square.sqrt();
         let cosine = dot3(&self.star, nadir);
         let s = self.sin.mul_add(cosine, -(self.cos * sine));
         let c = self.cos.mul_add(cosine, self.sin * sine);
-        (small_angle(s, c), sine)
+        // the division does not wait for the root
+        (small_angle(s, c), sine, sine * square.recip())
     }
 
     /// How far each angle is trusted: from 0, not at all, to 1.
@@ -54,8 +57,9 @@ impl<P: Real> SightPack<P> {
             Robust::No => return one,
             Robust::Gate(limit) | Robust::Huber(limit) => limit,
         };
-        let down = expected.nadir.map(T::stack);
-        let (left, sine) = self.left(&down);
+        let down = expected.nadir;
+        let down = [down[0].stack(), down[1].stack(), down[2].stack()];
+        let (left, sine, _) = self.left(&down);
         let along = dot3(&self.star, &down);
         let inverse = P::select(sine.gt(P::splat(1e-9)), sine, one).recip();
         let mut gradient = [P::zero(); 3];
