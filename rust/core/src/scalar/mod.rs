@@ -5,6 +5,7 @@
 //! runs on packs directly. Code for lanes selects instead of branching.
 
 mod dispatch;
+pub mod elementary;
 mod lanes;
 mod one;
 
