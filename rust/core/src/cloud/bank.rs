@@ -1,11 +1,11 @@
 //! A bank of unscented Kalman filters.
 
 use super::weights::Weights;
-use super::{Cloud, Settings, Weighing, gathered, slot, stacked};
+use super::{Cloud, Settings, Weighing, side_by_side, slot};
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
 use crate::filter::{Filter, Ukf};
-use crate::linalg::{Matrix, apply, cholesky, from_fn, zeros};
+use crate::linalg::{Matrix, apply, cholesky, from_fn, symmetric, zeros};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
@@ -60,14 +60,11 @@ pub(super) fn predict<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize>(
     let input = D::Input::map(u, T::stack);
     let mut ok = true;
     for group in members.chunks_mut(T::WIDTH) {
-        let mut pack = Gaussian::<D::Space, T::Pack, N> {
-            mean: stacked::<D::Space, T>(group.len(), |k| &group[k].mean),
-            cov: gathered(group.len(), |k| &group[k].cov),
-        };
+        let mut pack = side_by_side::<D::Space, T, N>(group);
         ok &= ukf.predict(&mut pack, dynamics, &input, t.stack(), dt.stack()).all();
         for (k, member) in group.iter_mut().enumerate() {
             member.mean = slot::<D::Space, T>(&pack.mean, k);
-            member.cov = from_fn(|i, j| T::extract(pack.cov[(i, j)], k));
+            member.cov = symmetric(|i, j| T::extract(pack.cov[(i, j)], k));
         }
     }
     ok
@@ -157,7 +154,7 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Ba
         if !used {
             return Ok(Weighing::unused(self.weights.effective(), false));
         }
-        let Some(log_likelihood) = self.weights.normalise() else {
+        let Some(log_likelihood) = self.weights.normalise::<T>() else {
             self.weights.restore(self.settings.recover, epoch.start, sensors.time(epoch.start))?;
             return Ok(Weighing::unused(self.weights.effective(), true));
         };

@@ -1,12 +1,12 @@
 //! The bootstrap filter: particles follow the dynamics and its noise, and are weighed by the likelihood.
 
 use super::weights::Weights;
-use super::{Cloud, Settings, Weighing, put, slot};
+use super::{Cloud, Settings, Weighing, slot, stacked, white};
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
 use crate::filter::Ekf;
 use crate::linalg::{Matrix, apply, cholesky, cholesky_semidefinite, from_fn, symmetric, zeros};
-use crate::manifold::{Family, Manifold};
+use crate::manifold::{Family, Manifold, components};
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
 use crate::scalar::Real;
@@ -28,6 +28,10 @@ pub struct Bootstrap<S: Manifold<N>, T: Real, const N: usize> {
     states: Vec<S::Of<T::Pack>>,
     spare: Vec<S::Of<T::Pack>>,
     weights: Weights,
+    /// A state near the mean: no result depends on it, but the nearer the sooner the mean is found.
+    centre: S::Of<T>,
+    /// The measurements of an epoch that are used.
+    used: Vec<usize>,
     settings: Settings,
     stream: Stream,
 }
@@ -53,7 +57,8 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Bootstrap<S, T, N> {
         let packs = settings.particles.div_ceil(T::WIDTH);
         let states: Vec<_> = (0..packs).map(|_| moved::<S, T, N>(&centre, &root, &mut stream)).collect();
         let spare = states.clone();
-        Ok(Self { states, spare, weights: Weights::new(settings.particles), settings, stream })
+        let (centre, weights) = (S::map(mean, T::splat), Weights::new(settings.particles));
+        Ok(Self { states, spare, weights, centre, used: Vec::new(), settings, stream })
     }
 
     /// One particle.
@@ -91,38 +96,56 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Bootstrap<S, T, N> {
                 }
             }
         }
-        (sum.map(T::total), symmetric(|i, j| T::total(outer[(i, j)])))
+        (components(|i| T::total(sum[i])), symmetric(|i, j| T::total(outer[(i, j)])))
     }
 
     #[inline(always)]
     fn gaussian(&self) -> Gaussian<S, T, N> {
-        let mut mean = self.state(0);
+        let mut mean = self.centre;
         // on a flat space one step is enough; on rotations the error shrinks with the cube of the spread
-        for _ in 0..5 {
+        let mut left = 5;
+        loop {
             let (step, cov) = self.about(&mean);
-            mean = S::normalise(&S::retract(&mean, &step));
+            let new = S::normalise(&S::retract(&mean, &step));
             let small = (0..N).all(|i| (cov[(i, i)] * 1e-12 + T::splat(1e-300)).gt(step[i] * step[i]));
-            if small {
-                break;
+            left -= 1;
+            if small || left == 0 {
+                return Gaussian { mean: new, cov: S::transport(&mean, &step, &cov) };
             }
+            mean = new;
         }
-        Gaussian { mean, cov: self.about(&mean).1 }
     }
 
+    /// Adds the log-likelihoods of the measurements that are used to those of the weights.
+    #[inline(always)]
+    fn weigh<Q: Sensors<S, N>>(&mut self, sensors: &Q) {
+        for (x, logs) in self.states.iter().zip(self.weights.logs.chunks_mut(T::WIDTH)) {
+            let mut sum = T::Pack::zero();
+            for i in &self.used {
+                sum += sensors.log_likelihood::<T::Pack>(*i, x);
+            }
+            for (k, log) in logs.iter_mut().enumerate() {
+                *log += T::extract(sum, k).lane(0);
+            }
+        }
+    }
+
+    /// Particles that live on, if too few are effective.
     #[inline(always)]
     fn resample(&mut self, effective: f64) -> Result<bool> {
-        if effective >= self.settings.threshold * self.settings.particles as f64 {
+        // what the kernels keep is the cloud as weighed, before the weights are made equal
+        let wanted = self.settings.kernel && effective < self.weights.fewest(&self.settings);
+        let smooth = wanted.then(|| Kernel::new(&self.gaussian(), self.settings.particles));
+        if !self.weights.refresh(&self.settings, effective, &mut self.stream)? {
             return Ok(false);
         }
-        let before = self.gaussian();
-        self.weights.refresh(&self.settings, effective, &mut self.stream)?;
-        let smooth = self.settings.kernel.then(|| Kernel::new(&before, self.settings.particles));
-        let count = self.weights.chosen.len();
-        for (p, to) in self.spare.iter_mut().enumerate() {
-            for k in 0..T::WIDTH {
-                let from = self.weights.chosen[(p * T::WIDTH + k).min(count - 1)];
-                *to = put::<S, T>(to, k, &self.states[from / T::WIDTH], from % T::WIDTH);
-            }
+        let (states, chosen) = (&self.states, &self.weights.chosen);
+        for (to, chosen) in self.spare.iter_mut().zip(chosen.chunks(T::WIDTH)) {
+            *to = stacked::<S, T>(
+                chosen.len(),
+                #[inline(always)]
+                |k| slot::<S, T>(&states[chosen[k] / T::WIDTH], chosen[k] % T::WIDTH),
+            );
             if let Some(kernel) = &smooth {
                 *to = kernel.draw(to, &mut self.stream);
             }
@@ -135,15 +158,25 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Bootstrap<S, T, N> {
 impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Bootstrap<D::Space, T, N> {
     #[inline(always)]
     fn predict(&mut self, dynamics: &D, u: &Input<D, T, N>, t: T, dt: T) -> bool {
-        let input = D::Input::map(u, T::stack);
+        let centre = dynamics.step(&self.centre, u, t, dt);
+        let (origin, input) = (D::Space::map(&centre, T::stack), D::Input::map(u, T::stack));
         let (t, dt) = (t.stack(), dt.stack());
-        let mut nothing = T::Pack::zero();
-        for x in &mut self.states {
+        let (mut sum, mut nothing) = ([T::Pack::zero(); N], T::Pack::zero());
+        for p in 0..self.states.len() {
+            let x = &self.states[p];
             let root = dynamics.noise_factor(x, &input, t, dt);
             let after = dynamics.step(x, &input, t, dt);
-            *x = moved::<D::Space, T, N>(&after, &root, &mut self.stream);
-            nothing += D::Space::finite(x);
+            let new = moved::<D::Space, T, N>(&after, &root, &mut self.stream);
+            nothing += D::Space::finite(&new);
+            // the mean, on the way
+            let (d, w) = (D::Space::local(&origin, &new), self.pack(p));
+            for i in 0..N {
+                sum[i] = d[i].mul_add(w, sum[i]);
+            }
+            self.states[p] = new;
         }
+        let step = components(|i| T::total(sum[i]));
+        self.centre = D::Space::normalise(&D::Space::retract(&centre, &step));
         T::total(nothing).gt(T::splat(-1.0))
     }
 
@@ -155,22 +188,17 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Bo
         report: &mut impl FnMut(usize, &Report),
     ) -> Result<Weighing> {
         let before = self.gaussian();
-        let count = self.weights.logs.len();
+        self.used.clear();
         for i in epoch.clone() {
             let mut kalman = before;
             let seen = sensors.update(i, &Ekf::default(), &mut kalman);
             report(i, &seen);
-            if seen.ok && !seen.accepted {
-                continue;
-            }
-            for (p, x) in self.states.iter().enumerate() {
-                let log = sensors.log_likelihood::<T::Pack>(i, x);
-                for k in 0..T::WIDTH.min(count - p * T::WIDTH) {
-                    self.weights.logs[p * T::WIDTH + k] += T::extract(log, k).lane(0);
-                }
+            if !seen.ok || seen.accepted {
+                self.used.push(i);
             }
         }
-        let Some(log_likelihood) = self.weights.normalise() else {
+        self.weigh(sensors);
+        let Some(log_likelihood) = self.weights.normalise::<T>() else {
             self.weights.restore(self.settings.recover, epoch.start, sensors.time(epoch.start))?;
             return Ok(Weighing::unused(self.weights.effective(), true));
         };
@@ -206,7 +234,8 @@ impl<S: Manifold<N>, T: Real, const N: usize> Kernel<S, T, N> {
 
     #[inline(always)]
     fn draw(&self, x: &S::Of<T::Pack>, stream: &mut Stream) -> S::Of<T::Pack> {
-        let kept = S::local(&self.mean, x).map(|d| d * self.shrink);
+        let away = S::local(&self.mean, x);
+        let kept = components(|i| away[i] * self.shrink);
         moved::<S, T, N>(&S::retract(&self.mean, &kept), &self.root, stream)
     }
 }
@@ -218,6 +247,5 @@ fn moved<S: Manifold<N>, T: Real, const N: usize>(
     root: &Matrix<T::Pack, N, N>,
     stream: &mut Stream,
 ) -> S::Of<T::Pack> {
-    let white = std::array::from_fn(|_| T::gather(|_| T::splat(stream.normal())));
-    S::normalise(&S::retract(x, &apply(root, &white)))
+    S::normalise(&S::retract(x, &apply(root, &white::<T, N>(stream))))
 }

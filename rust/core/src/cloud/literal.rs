@@ -2,13 +2,14 @@
 
 use super::bank::{members, mixture, predict};
 use super::weights::Weights;
-use super::{Cloud, Settings, Weighing, gathered, slot, stacked};
+use super::{Cloud, Settings, Weighing, gathered, side_by_side, slot, stacked, white};
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
 use crate::linalg::{Matrix, apply, cholesky, dot, forward_solve, from_fn};
 use crate::manifold::{Family, Manifold};
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
+use crate::scalar::elementary::ln;
 use crate::scalar::{Mask, Real};
 use crate::simulate::rng::Stream;
 use std::ops::Range;
@@ -26,8 +27,9 @@ use std::ops::Range;
 pub struct Literal<S: Manifold<N>, T: Real, const N: usize> {
     /// The particles, each with the covariance of its Kalman filter.
     beliefs: Vec<Gaussian<S, T, N>>,
+    spare: Vec<Gaussian<S, T, N>>,
     pasts: Vec<Past<S, T, N>>,
-    spare: Vec<(Gaussian<S, T, N>, Past<S, T, N>)>,
+    spare_pasts: Vec<Past<S, T, N>>,
     used: Vec<usize>,
     weights: Weights,
     settings: Settings,
@@ -36,14 +38,14 @@ pub struct Literal<S: Manifold<N>, T: Real, const N: usize> {
     fresh: bool,
 }
 
-/// Where a particle comes from.
+/// Where the particles of a pack come from.
 struct Past<S: Manifold<N>, T: Real, const N: usize> {
-    /// The transition density: the particle before, moved, and the noise that has come in since.
-    came: Gaussian<S, T, N>,
-    /// The density that it was drawn from: mean, and covariance.
-    drawn: Gaussian<S, T, N>,
-    /// Logarithm of its weight's change.
-    log: f64,
+    /// The transition densities: the particles before, moved, and the noise that has come in since.
+    came: Gaussian<S, T::Pack, N>,
+    /// The densities that they were drawn from: mean, and covariance.
+    drawn: Gaussian<S, T::Pack, N>,
+    /// Logarithms of the changes of their weights.
+    logs: T::Pack,
 }
 
 impl<S: Manifold<N>, T: Real, const N: usize> Clone for Past<S, T, N> {
@@ -76,34 +78,34 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
     ) -> Result<Self> {
         let beliefs = members::<S, T, N>(mean, covariance, &settings, &mut stream)?;
         // measurements at the start itself come before any transition: the start stands for one
-        let came = |b: &Gaussian<S, T, N>| Gaussian { mean: S::map(mean, T::splat), cov: b.cov };
-        let pasts: Vec<_> = beliefs.iter().map(|b| Past { came: came(b), drawn: *b, log: 0.0 }).collect();
-        let spare = beliefs.iter().copied().zip(pasts.iter().copied()).collect();
-        let weights = Weights::new(settings.particles);
-        Ok(Self { beliefs, pasts, spare, used: Vec::new(), weights, settings, stream, fresh: false })
+        let cov = from_fn(|i, j| T::Pack::splat(covariance[(i, j)]));
+        let start = Gaussian { mean: S::map(mean, T::Pack::splat), cov };
+        let past = Past { came: start, drawn: start, logs: T::Pack::zero() };
+        let pasts = vec![past; settings.particles.div_ceil(T::WIDTH)];
+        let (spare, spare_pasts) = (beliefs.clone(), pasts.clone());
+        let (used, weights) = (Vec::new(), Weights::new(settings.particles));
+        Ok(Self { beliefs, spare, pasts, spare_pasts, used, weights, settings, stream, fresh: false })
     }
 
-    /// Draws particles from their proposals, eight at a time.
+    /// Draws eight particles from their proposals.
     #[inline(always)]
     fn sample<Q: Sensors<S, N>>(
-        pasts: &[Past<S, T, N>],
+        past: &Past<S, T, N>,
         sensors: &Q,
         used: &[usize],
         stream: &mut Stream,
     ) -> Samples<S, T, N> {
-        let count = pasts.len();
-        let (root, one) = cholesky(&gathered(count, |k| &pasts[k].drawn.cov));
-        let (narrow, two) = cholesky(&gathered(count, |k| &pasts[k].came.cov));
-        let white: [T::Pack; N] = std::array::from_fn(|_| T::gather(|_| T::splat(stream.normal())));
-        let centre = stacked::<S, T>(count, |k| &pasts[k].drawn.mean);
-        let states = S::normalise(&S::retract(&centre, &apply(&root, &white)));
-        let y = forward_solve(&narrow, &S::local(&stacked::<S, T>(count, |k| &pasts[k].came.mean), &states));
+        let (root, one) = cholesky(&past.drawn.cov);
+        let (narrow, two) = cholesky(&past.came.cov);
+        let white = white::<T, N>(stream);
+        let states = S::normalise(&S::retract(&past.drawn.mean, &apply(&root, &white)));
+        let y = forward_solve(&narrow, &S::local(&past.came.mean, &states));
         let mut widths = T::Pack::one();
         for i in 0..N {
             widths = widths * (root[(i, i)] / narrow[(i, i)]);
         }
         let squares = dot::<_, N>(|i| white[i], |i| white[i]) - dot::<_, N>(|i| y[i], |i| y[i]);
-        let mut logs = widths.map(f64::ln) + squares * 0.5;
+        let mut logs = ln(widths) + squares * 0.5;
         for i in used {
             logs += sensors.log_likelihood::<T::Pack>(*i, &states);
         }
@@ -144,17 +146,19 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
     #[inline(always)]
     fn walk<Q: Sensors<S, N>>(&mut self, sensors: &Q) -> f64 {
         let mut taken = 0usize;
-        let groups = self.beliefs.chunks_mut(T::WIDTH).zip(self.pasts.chunks_mut(T::WIDTH));
-        for (beliefs, pasts) in groups {
+        for (beliefs, past) in self.beliefs.chunks_mut(T::WIDTH).zip(&mut self.pasts) {
             for _ in 0..self.settings.moves {
-                let new = Self::sample(pasts, sensors, &self.used, &mut self.stream);
-                for (k, (belief, past)) in beliefs.iter_mut().zip(pasts.iter_mut()).enumerate() {
+                let new = Self::sample(past, sensors, &self.used, &mut self.stream);
+                let (mut old, logs) = ([0.0; 8], past.logs);
+                for (k, belief) in beliefs.iter_mut().enumerate() {
                     let log = T::extract(new.logs, k).lane(0);
-                    if (1.0 - self.stream.uniform()).ln() < log - past.log {
-                        (belief.mean, past.log) = (slot::<S, T>(&new.states, k), log);
+                    old[k] = T::extract(logs, k).lane(0);
+                    if (1.0 - self.stream.uniform()).ln() < log - old[k] {
+                        (belief.mean, old[k]) = (slot::<S, T>(&new.states, k), log);
                         taken += 1;
                     }
                 }
+                past.logs = T::gather(|k| T::splat(old[k]));
             }
         }
         taken as f64 / (self.settings.moves * self.beliefs.len()) as f64
@@ -165,18 +169,18 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
     fn carry<D: Dynamics<N, Space = S>>(&mut self, dynamics: &D, u: &Input<D, T, N>, t: T, dt: T) {
         let input = D::Input::map(u, T::stack);
         let (time, step) = (t.stack(), dt.stack());
-        for (beliefs, pasts) in self.beliefs.chunks(T::WIDTH).zip(self.pasts.chunks_mut(T::WIDTH)) {
-            let (mean, cov) = if self.fresh {
-                let x = stacked::<S, T>(beliefs.len(), |k| &beliefs[k].mean);
-                (dynamics.step(&x, &input, time, step), dynamics.noise(&x, &input, time, step))
+        for (beliefs, past) in self.beliefs.chunks(T::WIDTH).zip(&mut self.pasts) {
+            let came = &mut past.came;
+            if self.fresh {
+                let x = stacked::<S, T>(
+                    beliefs.len(),
+                    #[inline(always)]
+                    |k| beliefs[k].mean,
+                );
+                came.mean = dynamics.step(&x, &input, time, step);
+                came.cov = dynamics.noise(&x, &input, time, step);
             } else {
-                let x = stacked::<S, T>(pasts.len(), |k| &pasts[k].came.mean);
-                let p = gathered(pasts.len(), |k| &pasts[k].came.cov);
-                dynamics.propagate(&x, &p, &input, time, step)
-            };
-            for (k, past) in pasts.iter_mut().enumerate() {
-                past.came.mean = slot::<S, T>(&mean, k);
-                past.came.cov = from_fn(|i, j| T::extract(cov[(i, j)], k));
+                (came.mean, came.cov) = dynamics.propagate(&came.mean, &came.cov, &input, time, step);
             }
         }
         self.fresh = false;
@@ -186,21 +190,39 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Literal<S, T, N> {
     #[inline(always)]
     fn draw<Q: Sensors<S, N>>(&mut self, sensors: &Q) -> bool {
         let mut ok = true;
-        let groups = self.beliefs.chunks_mut(T::WIDTH).zip(self.pasts.chunks_mut(T::WIDTH));
-        for ((beliefs, pasts), logs) in groups.zip(self.weights.logs.chunks_mut(T::WIDTH)) {
-            for (belief, past) in beliefs.iter().zip(pasts.iter_mut()) {
-                past.drawn = *belief;
-            }
-            let new = Self::sample(pasts, sensors, &self.used, &mut self.stream);
+        let groups = self.beliefs.chunks_mut(T::WIDTH).zip(&mut self.pasts);
+        for ((beliefs, past), logs) in groups.zip(self.weights.logs.chunks_mut(T::WIDTH)) {
+            past.drawn = side_by_side::<S, T, N>(beliefs);
+            let new = Self::sample(past, sensors, &self.used, &mut self.stream);
             ok &= new.ok.all();
-            for (k, (belief, past)) in beliefs.iter_mut().zip(pasts.iter_mut()).enumerate() {
+            past.logs = new.logs;
+            for (k, belief) in beliefs.iter_mut().enumerate() {
                 belief.mean = slot::<S, T>(&new.states, k);
-                past.log = T::extract(new.logs, k).lane(0);
-                logs[k] += past.log;
+                logs[k] += T::extract(new.logs, k).lane(0);
             }
         }
         self.fresh = true;
         ok
+    }
+
+    /// Particles that live on, and their pasts, which only moves ask for.
+    #[inline(always)]
+    fn choose(&mut self) {
+        let chosen = &self.weights.chosen;
+        for (to, from) in self.spare.iter_mut().zip(chosen) {
+            *to = self.beliefs[*from];
+        }
+        std::mem::swap(&mut self.beliefs, &mut self.spare);
+        if self.settings.moves == 0 {
+            return;
+        }
+        for (to, chosen) in self.spare_pasts.iter_mut().zip(chosen.chunks(T::WIDTH)) {
+            to.came = picked::<S, T, N>(chosen, |p| &self.pasts[p].came);
+            to.drawn = picked::<S, T, N>(chosen, |p| &self.pasts[p].drawn);
+            let log = |i: usize| T::extract(self.pasts[i / T::WIDTH].logs, i % T::WIDTH);
+            to.logs = T::gather(|k| log(chosen[k.min(chosen.len() - 1)]));
+        }
+        std::mem::swap(&mut self.pasts, &mut self.spare_pasts);
     }
 }
 
@@ -226,9 +248,9 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Li
         if !self.draw(sensors) {
             return Err(failed("process noise, whose density weighs the particles,", first, t));
         }
-        let Some(log_likelihood) = self.weights.normalise() else {
-            for (belief, past) in self.beliefs.iter_mut().zip(&self.pasts) {
-                belief.mean = past.drawn.mean;
+        let Some(log_likelihood) = self.weights.normalise::<T>() else {
+            for (k, belief) in self.beliefs.iter_mut().enumerate() {
+                belief.mean = slot::<D::Space, T>(&self.pasts[k / T::WIDTH].drawn.mean, k % T::WIDTH);
             }
             self.weights.restore(self.settings.recover, first, t)?;
             return Ok(Weighing::unused(self.weights.effective(), true));
@@ -237,12 +259,7 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Li
         let resampled = self.weights.refresh(&self.settings, effective, &mut self.stream)?;
         let mut moved = f64::NAN;
         if resampled {
-            for (to, from) in self.spare.iter_mut().zip(&self.weights.chosen) {
-                *to = (self.beliefs[*from], self.pasts[*from]);
-            }
-            for (i, from) in self.spare.iter().enumerate() {
-                (self.beliefs[i], self.pasts[i]) = *from;
-            }
+            self.choose();
             if self.settings.moves > 0 {
                 moved = self.walk(sensors);
             }
@@ -254,6 +271,24 @@ impl<D: Dynamics<N>, T: Real<Mask = bool>, const N: usize> Cloud<D, T, N> for Li
     fn moments(&self) -> Gaussian<D::Space, T, N> {
         mixture(&self.weights.values, |k| &self.beliefs[k], false)
     }
+}
+
+/// Densities of chosen particles out of packs of them, `of(p)` the p-th one.
+#[inline(always)]
+fn picked<'a, S: Manifold<N>, T: Real, const N: usize>(
+    chosen: &[usize],
+    of: impl Fn(usize) -> &'a Gaussian<S, T::Pack, N>,
+) -> Gaussian<S, T::Pack, N> {
+    let at = |k: usize| (of(chosen[k] / T::WIDTH), chosen[k] % T::WIDTH);
+    let mean = |k: usize| {
+        let (pack, k) = at(k);
+        slot::<S, T>(&pack.mean, k)
+    };
+    let entry = |k: usize, i: usize, j: usize| {
+        let (pack, k) = at(k);
+        T::extract(pack.cov[(i, j)], k)
+    };
+    Gaussian { mean: stacked::<S, T>(chosen.len(), mean), cov: gathered::<T, N>(chosen.len(), entry) }
 }
 
 fn failed(what: &'static str, step: usize, t: f64) -> Error {

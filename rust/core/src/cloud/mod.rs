@@ -24,12 +24,13 @@ pub use proposal::Proposal;
 use crate::belief::Gaussian;
 use crate::error::{Error, Result};
 use crate::filter::Ukf;
-use crate::linalg::{Matrix, from_fn};
-use crate::manifold::Family;
+use crate::linalg::{Matrix, Vector, symmetric};
+use crate::manifold::{Family, components};
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
 use crate::resample::Resampling;
 use crate::scalar::Real;
+use crate::simulate::rng::Stream;
 use std::ops::Range;
 
 /// A particle filter at work. The scalar is that of one particle; eight of them run in its pack.
@@ -124,45 +125,64 @@ fn slot<S: Family, T: Real>(pack: &S::Of<T::Pack>, slot: usize) -> S::Of<T> {
     S::map(pack, |c| T::extract(c, slot))
 }
 
-/// Writes one slot of a record of packs.
+/// Writes slot `K` of a record of packs, if there is one.
 #[inline(always)]
-fn put<S: Family, T: Real>(pack: &S::Of<T::Pack>, into: usize, from: &S::Of<T::Pack>, slot: usize) -> S::Of<T::Pack> {
-    S::zip(pack, from, |a, b| {
+fn put<S: Family, T: Real, const K: usize>(pack: &S::Of<T::Pack>, one: &S::Of<T>) -> S::Of<T::Pack> {
+    if K >= T::WIDTH {
+        return *pack;
+    }
+    S::zip(pack, one, |a, b| {
         T::gather(
             #[inline(always)]
-            |k| if k == into { T::extract(b, slot) } else { T::extract(a, k) },
+            |k| if k == K { b } else { T::extract(a, k) },
         )
     })
 }
 
 /// Records side by side in a pack, the last of them in the slots that are left.
 #[inline(always)]
-fn stacked<'a, S: Family, T: Real>(count: usize, of: impl Fn(usize) -> &'a S::Of<T>) -> S::Of<T::Pack>
-where
-    S::Of<T>: 'a,
-{
-    let mut pack = S::map(of(count - 1), T::stack);
-    for into in 0..count - 1 {
-        pack = S::zip(&pack, of(into), |a, b| {
-            T::gather(
-                #[inline(always)]
-                |k| if k == into { b } else { T::extract(a, k) },
-            )
-        });
-    }
-    pack
+fn stacked<S: Family, T: Real>(count: usize, of: impl Fn(usize) -> S::Of<T>) -> S::Of<T::Pack> {
+    let last = count - 1;
+    // written out: to write a slot whose number is known takes one instruction
+    let pack = S::map(&of(0), T::stack);
+    let pack = put::<S, T, 1>(&pack, &of(last.min(1)));
+    let pack = put::<S, T, 2>(&pack, &of(last.min(2)));
+    let pack = put::<S, T, 3>(&pack, &of(last.min(3)));
+    let pack = put::<S, T, 4>(&pack, &of(last.min(4)));
+    let pack = put::<S, T, 5>(&pack, &of(last.min(5)));
+    let pack = put::<S, T, 6>(&pack, &of(last.min(6)));
+    put::<S, T, 7>(&pack, &of(last.min(7)))
 }
 
-/// Matrices side by side, likewise.
+/// Standard normal numbers, those of a component together.
 #[inline(always)]
-fn gathered<'a, T: Real, const N: usize>(
-    count: usize,
-    of: impl Fn(usize) -> &'a Matrix<T, N, N>,
-) -> Matrix<T::Pack, N, N> {
-    from_fn(|i, j| {
+fn white<T: Real, const N: usize>(stream: &mut Stream) -> Vector<T::Pack, N> {
+    components(|_| T::gather(|_| T::splat(stream.normal())))
+}
+
+/// Symmetric matrices side by side, likewise; `of` gives an entry of one of them.
+#[inline(always)]
+fn gathered<T: Real, const N: usize>(count: usize, of: impl Fn(usize, usize, usize) -> T) -> Matrix<T::Pack, N, N> {
+    symmetric(|i, j| {
         T::gather(
             #[inline(always)]
-            |k| of(k.min(count - 1))[(i, j)],
+            |k| of(k.min(count - 1), i, j),
         )
     })
+}
+
+/// Beliefs side by side, likewise.
+#[inline(always)]
+fn side_by_side<S: Family, T: Real, const N: usize>(group: &[Gaussian<S, T, N>]) -> Gaussian<S, T::Pack, N> {
+    let mean = stacked::<S, T>(
+        group.len(),
+        #[inline(always)]
+        |k| group[k].mean,
+    );
+    let cov = gathered::<T, N>(
+        group.len(),
+        #[inline(always)]
+        |k, i, j| group[k].cov[(i, j)],
+    );
+    Gaussian { mean, cov }
 }

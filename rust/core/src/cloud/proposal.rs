@@ -6,7 +6,7 @@ use crate::belief::Gaussian;
 use crate::error::{Error, Result};
 use crate::filter::Filter;
 use crate::linalg::{Matrix, apply, cholesky, forward_solve, from_fn};
-use crate::manifold::Manifold;
+use crate::manifold::{Manifold, components};
 use crate::model::{Dynamics, Input};
 use crate::replay::{Report, Sensors};
 use crate::scalar::{Mask, Real};
@@ -147,7 +147,7 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Proposal<S, T, N> {
                 self.weights.logs[p * T::WIDTH + k] += T::extract(point.target, k).lane(0);
             }
         }
-        let Some(log) = self.weights.normalise() else {
+        let Some(log) = self.weights.normalise::<T>() else {
             let first = self.used[0];
             // each draw begins with equal weights
             self.weights.values.fill(1.0);
@@ -180,7 +180,7 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Proposal<S, T, N> {
                 sum[i] = point.offset[i].mul_add(w, sum[i]);
             }
         }
-        sum.map(T::total)
+        components(|i| T::total(sum[i]))
     }
 
     #[inline(always)]
@@ -193,7 +193,7 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Proposal<S, T, N> {
             let from = |k: usize| self.weights.chosen[(p * T::WIDTH + k).min(count - 1)];
             let one = |k: usize| &self.points[from(k) / T::WIDTH];
             to.target = T::gather(|k| T::extract(one(k).target, from(k) % T::WIDTH));
-            to.offset = std::array::from_fn(|i| T::gather(|k| T::extract(one(k).offset[i], from(k) % T::WIDTH)));
+            to.offset = components(|i| T::gather(|k| T::extract(one(k).offset[i], from(k) % T::WIDTH)));
         }
         std::mem::swap(&mut self.points, &mut self.spare);
         Ok(true)
@@ -212,9 +212,9 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Proposal<S, T, N> {
         for _ in 0..self.settings.moves {
             for p in 0..self.points.len() {
                 let point = self.points[p];
-                let white = std::array::from_fn(|_| T::gather(|_| T::splat(self.stream.normal() * scale)));
+                let white = components(|_| T::gather(|_| T::splat(self.stream.normal() * scale)));
                 let step = apply(&proposal.root, &white);
-                let offset = std::array::from_fn(|i| point.offset[i] + step[i]);
+                let offset = components(|i| point.offset[i] + step[i]);
                 let target = Self::target(&self.used, sensors, (prior, proposal), &offset);
                 let height = T::gather(|_| T::splat((1.0 - self.stream.uniform()).ln()));
                 let yes = target.gt(point.target + height);
@@ -223,7 +223,7 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Proposal<S, T, N> {
                 }
                 let select = |i: usize| T::Pack::select(yes, offset[i], point.offset[i]);
                 self.points[p] =
-                    Point { offset: std::array::from_fn(select), target: T::Pack::select(yes, target, point.target) };
+                    Point { offset: components(select), target: T::Pack::select(yes, target, point.target) };
             }
             let mean = self.mean();
             for i in 0..N {
@@ -231,7 +231,7 @@ impl<S: Manifold<N>, T: Real<Mask = bool>, const N: usize> Proposal<S, T, N> {
             }
         }
         let moves = self.settings.moves;
-        (sum.map(|s| s * (1.0 / moves as f64)), taken as f64 / (moves * self.weights.logs.len()) as f64)
+        (components(|i| sum[i] * (1.0 / moves as f64)), taken as f64 / (moves * self.weights.logs.len()) as f64)
     }
 }
 

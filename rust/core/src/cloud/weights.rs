@@ -2,7 +2,9 @@
 
 use super::Settings;
 use crate::error::{Error, Result};
-use crate::resample::{effective_sample_size, resample};
+use crate::resample::resample;
+use crate::scalar::Real;
+use crate::scalar::elementary::exp;
 use crate::simulate::rng::Stream;
 
 /// Weights of sum one, and their logarithms.
@@ -14,11 +16,13 @@ pub(super) struct Weights {
     pub(super) values: Vec<f64>,
     /// After resampling: what each particle becomes.
     pub(super) chosen: Vec<usize>,
+    /// Effective number of particles.
+    effective: f64,
 }
 
 impl Weights {
     pub(super) fn new(count: usize) -> Self {
-        let mut new = Self { logs: vec![0.0; count], values: vec![0.0; count], chosen: vec![0; count] };
+        let mut new = Self { logs: vec![0.0; count], values: vec![0.0; count], chosen: vec![0; count], effective: 0.0 };
         new.level();
         new
     }
@@ -29,43 +33,77 @@ impl Weights {
         let count = self.logs.len() as f64;
         self.logs.fill(-count.ln());
         self.values.fill(1.0 / count);
+        self.effective = count;
     }
 
     /// Weights of sum one from logarithms of any size; the logarithm of their sum before comes back. None
     /// where all vanish or one is not a number: then call [`Self::restore`].
     #[inline(always)]
-    pub(super) fn normalise(&mut self) -> Option<f64> {
-        // a sum finds what is not a number, a maximum does not
-        let (mut largest, mut nothing) = (f64::NEG_INFINITY, 0.0);
-        for log in &self.logs {
-            largest = if *log > largest { *log } else { largest };
-            nothing += if log.is_nan() { 1.0 } else { 0.0 };
+    pub(super) fn normalise<T: Real>(&mut self) -> Option<f64> {
+        let largest = self.largest().filter(|log| log.is_finite())?;
+        let mut sum = T::Pack::zero();
+        for (values, logs) in self.values.chunks_mut(8).zip(self.logs.chunks(8)) {
+            let weight = exp(eight::<T::Pack>(logs, f64::NEG_INFINITY) - T::Pack::splat(largest));
+            sum += weight;
+            for (i, value) in values.iter_mut().enumerate() {
+                *value = weight.lane(i);
+            }
         }
-        if nothing > 0.0 || !largest.is_finite() {
-            return None;
-        }
-        let mut sum = 0.0;
-        for (value, log) in self.values.iter_mut().zip(&self.logs) {
-            *value = (log - largest).exp();
-            sum += *value;
-        }
+        let sum = total(sum);
         let (log, inverse) = (largest + sum.ln(), 1.0 / sum);
-        for (value, l) in self.values.iter_mut().zip(&mut self.logs) {
-            *value *= inverse;
+        let mut squares = T::Pack::zero();
+        for values in self.values.chunks_mut(8) {
+            let weight = eight::<T::Pack>(values, 0.0) * inverse;
+            squares = weight.mul_add(weight, squares);
+            for (i, value) in values.iter_mut().enumerate() {
+                *value = weight.lane(i);
+            }
+        }
+        for l in &mut self.logs {
             *l -= log;
         }
+        self.effective = 1.0 / total(squares);
         Some(log)
     }
 
+    /// The largest logarithm; none where one is not a number.
+    #[inline(always)]
+    fn largest(&self) -> Option<f64> {
+        // a sum finds what is not a number, a maximum does not
+        let (mut largest, mut nothing) = ([f64::NEG_INFINITY; 8], [0.0; 8]);
+        let mut take = |i: usize, log: f64| {
+            largest[i] = if log > largest[i] { log } else { largest[i] };
+            nothing[i] += if log.is_nan() { 1.0 } else { 0.0 };
+        };
+        let (eights, rest) = self.logs.as_chunks::<8>();
+        for eight in eights {
+            for i in 0..8 {
+                take(i, eight[i]);
+            }
+        }
+        for (i, log) in rest.iter().enumerate() {
+            take(i, *log);
+        }
+        let none = nothing.iter().sum::<f64>() == 0.0;
+        none.then(|| largest.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+    }
+
+    /// Of the weights, once they are normalised: from one to their number.
     #[inline(always)]
     pub(super) fn effective(&self) -> f64 {
-        effective_sample_size(&self.values)
+        self.effective
+    }
+
+    /// Resampling waits until fewer than this number are effective.
+    #[inline(always)]
+    pub(super) fn fewest(&self, settings: &Settings) -> f64 {
+        settings.threshold * self.values.len() as f64
     }
 
     /// Chooses who lives on if too few are effective, and makes the weights equal.
     #[inline(always)]
     pub(super) fn refresh(&mut self, settings: &Settings, effective: f64, stream: &mut Stream) -> Result<bool> {
-        if effective >= settings.threshold * self.values.len() as f64 {
+        if effective >= self.fewest(settings) {
             return Ok(false);
         }
         resample(settings.resampling, &self.values, || stream.uniform(), &mut self.chosen)?;
@@ -102,4 +140,19 @@ impl Weights {
         }
         Err(Error::Vanished { step, t, largest, broken, count: self.logs.len() })
     }
+}
+
+/// Eight numbers side by side; a filler where there are fewer.
+#[inline(always)]
+fn eight<P: Real>(x: &[f64], filler: f64) -> P {
+    match <&[f64; 8]>::try_from(x) {
+        Ok(all) => P::from_lanes(|i| all[i]),
+        Err(_) => P::from_lanes(|i| x.get(i).copied().unwrap_or(filler)),
+    }
+}
+
+/// Sum over the lanes.
+#[inline(always)]
+fn total<P: Real>(x: P) -> f64 {
+    (0..P::LANES).map(|i| x.lane(i)).sum()
 }
