@@ -6,7 +6,8 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use celestcore_core::attitude::{
-    self, Attitude, AttitudeSensor, AttitudeSensors, Buffers, GyroModel, GyroSeries, GyroTiming, Sampling, StarSeries,
+    self, Attitude, AttitudeSensor, AttitudeSensors, Buffers, Flight, GyroModel, GyroSeries, GyroTiming, LANES,
+    Sampling, StarSeries,
 };
 use celestcore_core::celestial::{self, CelestialSensors, Form, Horizon, Outliers, Results, Source, Use};
 use celestcore_core::cloud::Settings;
@@ -39,11 +40,13 @@ const PARTICLES: usize = 1000;
 
 /// Does so many steps and tells how many items those are.
 type Kernel = fn(usize) -> usize;
-const KERNELS: [(&str, Kernel); 12] = [
+const KERNELS: [(&str, Kernel); 14] = [
     ("propagation", propagation),
-    ("ekf", |steps| filter(&attitude::AnyFilter::Ekf(Ekf::default()), Integrator::Exponential, steps)),
-    ("ukf", |steps| filter(&attitude::AnyFilter::Ukf(Ukf::default()), Integrator::Rk4, steps)),
-    ("srukf", |steps| filter(&attitude::AnyFilter::SrUkf(SrUkf::default()), Integrator::Rk4, steps)),
+    ("ekf", |steps| filter(&attitude::AnyFilter::Ekf(Ekf::default()), Integrator::Exponential, steps, 1)),
+    ("ukf", |steps| filter(&attitude::AnyFilter::Ukf(Ukf::default()), Integrator::Rk4, steps, 1)),
+    ("srukf", |steps| filter(&attitude::AnyFilter::SrUkf(SrUkf::default()), Integrator::Rk4, steps, 1)),
+    ("ekf_batch", |steps| filter(&attitude::AnyFilter::Ekf(Ekf::default()), Integrator::Exponential, steps, LANES)),
+    ("ukf_batch", |steps| filter(&attitude::AnyFilter::Ukf(Ukf::default()), Integrator::Rk4, steps, LANES)),
     ("orbit_ukf", |steps| orbit_filter(&celestial::AnyFilter::Ukf(Ukf::default()), steps)),
     ("upf20", |steps| orbit_filter(&celestial::AnyFilter::Cloud(Form::Literal, Settings::default()), steps)),
     ("bootstrap", bootstrap),
@@ -96,8 +99,8 @@ fn diagonal(first: f64, second: f64) -> Matrix<f64, 6, 6> {
     p
 }
 
-/// An attitude filter with a star fix every second sample, the last row written.
-fn filter(filter: &attitude::AnyFilter, integrator: Integrator, steps: usize) -> usize {
+/// An attitude filter with a star fix every second sample, the last row written; alone, or several side by side.
+fn filter(filter: &attitude::AnyFilter, integrator: Integrator, steps: usize, count: usize) -> usize {
     let mut stream = Stream::new(1, 0, channel::WHITE);
     let (truth, t): (Vec<_>, Vec<_>) = (rates(), (0..=MOST).map(|k| k as f64 * DT).collect());
     let mut q = vec![[1.0, 0.0, 0.0, 0.0]; MOST + 1];
@@ -122,13 +125,23 @@ fn filter(filter: &attitude::AnyFilter, integrator: Integrator, steps: usize) ->
     let mean = Attitude { q: fix_q[0], bias: [0.0; 3] };
     let start = Start { t: 0.0, mean, covariance: diagonal(SIGMA, 1e-3), used: Some(0) };
     let options = attitude::Options { output: Output::Every(MOST), level: Level::best() };
-    let mut buffers = Buffers::new(attitude::rows(&gyro, &sensors, &start, options.output).unwrap(), false);
-    let (columns, measured) = buffers.columns();
+    let mut buffers =
+        vec![Buffers::new(attitude::rows(&gyro, &sensors, &start, options.output).unwrap(), false); count];
     let model = GyroModel::new(ARW, RRW, integrator).unwrap();
     let log = attitude::Log { model: &model, gyro: &gyro, sensors: &sensors };
-    attitude::run(filter, log, black_box(&start), &options, columns, measured, &mut |_| Ok(())).unwrap();
+    if let [buffers] = &mut buffers[..] {
+        let (columns, measured) = buffers.columns();
+        attitude::run(filter, log, black_box(&start), &options, columns, measured, &mut |_| Ok(())).unwrap();
+    } else {
+        let flights = buffers.iter_mut().map(|buffers| {
+            let (columns, measured) = buffers.columns();
+            let Start { t, mean, covariance, used } = start;
+            Flight { log, start: Start { t, mean, covariance, used }, columns, measured }
+        });
+        attitude::run_many(filter, flights.collect(), &options, &mut |_| Ok(())).unwrap();
+    }
     black_box(buffers);
-    steps
+    steps * count
 }
 
 fn j2() -> ForceModel {

@@ -83,27 +83,39 @@ impl<T: Real, const R: usize, const C: usize> Packed<T, R, C> {
     /// `a b`
     #[inline(always)]
     pub(crate) fn product<const K: usize>(a: &Packed<T, R, K>, b: impl Fn(usize, usize) -> T) -> Self {
+        Self::columns_of_product::<K>(0, a, b)
+    }
+
+    /// The columns of `a b` from one on; zero before it.
+    #[inline(always)]
+    pub(crate) fn columns_of_product<const K: usize>(
+        from: usize,
+        a: &Packed<T, R, K>,
+        b: impl Fn(usize, usize) -> T,
+    ) -> Self {
         let mut new = Self::zeros();
-        for j in 0..C {
-            let first = b(0, j);
+        for j in from..C {
             for p in 0..Self::REGISTERS {
-                new.0[j][p] = a.0[0][p].times(first);
+                let mut sum = a.0[0][p].times(b(0, j));
+                for k in 1..K {
+                    sum = a.0[k][p].times_plus(b(k, j), sum);
+                }
+                new.0[j][p] = sum;
             }
         }
-        new.add_from::<K>(1, a, b)
+        new
     }
 
     /// `self + a b`
     #[inline(always)]
     pub(crate) fn plus<const K: usize>(self, a: &Packed<T, R, K>, b: impl Fn(usize, usize) -> T) -> Self {
-        self.add_from::<K>(0, a, b)
+        self.add_product::<K>(a, b)
     }
 
     /// `self − a b`
     #[inline(always)]
     pub(crate) fn minus<const K: usize>(self, a: &Packed<T, R, K>, b: impl Fn(usize, usize) -> T) -> Self {
-        self.add_from::<K>(
-            0,
+        self.add_product::<K>(
             a,
             #[inline(always)]
             |k, j| -b(k, j),
@@ -111,13 +123,14 @@ impl<T: Real, const R: usize, const C: usize> Packed<T, R, C> {
     }
 
     #[inline(always)]
-    fn add_from<const K: usize>(mut self, from: usize, a: &Packed<T, R, K>, b: impl Fn(usize, usize) -> T) -> Self {
+    fn add_product<const K: usize>(mut self, a: &Packed<T, R, K>, b: impl Fn(usize, usize) -> T) -> Self {
         for j in 0..C {
-            for k in from..K {
-                let factor = b(k, j);
-                for p in 0..Self::REGISTERS {
-                    self.0[j][p] = a.0[k][p].times_plus(factor, self.0[j][p]);
+            for p in 0..Self::REGISTERS {
+                let mut sum = self.0[j][p];
+                for k in 0..K {
+                    sum = a.0[k][p].times_plus(b(k, j), sum);
                 }
+                self.0[j][p] = sum;
             }
         }
         self

@@ -43,7 +43,7 @@ pub fn norm_squared<T: Real>(q: &Quaternion<T>) -> T {
 #[inline(always)]
 pub fn normalise<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
     let s = norm_squared(q).sqrt().recip();
-    q.map(|c| c * s)
+    [q[0] * s, q[1] * s, q[2] * s, q[3] * s]
 }
 
 /// Removes rounding drift from an almost-unit quaternion: one Newton step for `1/|q|`, without a
@@ -51,7 +51,7 @@ pub fn normalise<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
 #[inline(always)]
 pub fn renormalise<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
     let s = norm_squared(q).mul_add(T::splat(-0.5), T::splat(1.5));
-    q.map(|c| c * s)
+    [q[0] * s, q[1] * s, q[2] * s, q[3] * s]
 }
 
 /// Rotates a vector: `q ⊗ v ⊗ q*`.
@@ -59,7 +59,8 @@ pub fn renormalise<T: Real>(q: &Quaternion<T>) -> Quaternion<T> {
 pub fn rotate<T: Real>(q: &Quaternion<T>, v: &Vector<T, 3>) -> Vector<T, 3> {
     // v + 2 w (u × v) + 2 u × (u × v), u the vector part
     let u = [q[1], q[2], q[3]];
-    let t = cross(&u, v).map(|c| c + c);
+    let t = cross(&u, v);
+    let t = [t[0] + t[0], t[1] + t[1], t[2] + t[2]];
     let s = cross(&u, &t);
     [q[0].mul_add(t[0], v[0] + s[0]), q[0].mul_add(t[1], v[1] + s[1]), q[0].mul_add(t[2], v[2] + s[2])]
 }
@@ -436,11 +437,7 @@ pub(crate) fn turn<T: Real>(rotation: &Vector<T, 3>, integrator: Integrator) -> 
             let short = s * s * s * s.poly([1.0 / 576.0, -1.0 / 72.0]);
             let series = short.mul_add(T::splat(-0.5), T::one());
             let small = T::splat(0.01).gt(s);
-            let scale = if small.all() {
-                series
-            } else {
-                T::select(small, series, (T::one() + short).sqrt().recip())
-            };
+            let scale = if small.all() { series } else { T::select(small, series, (T::one() + short).sqrt().recip()) };
             let v = v * scale;
             [w * scale, v * rotation[0], v * rotation[1], v * rotation[2]]
         }

@@ -61,7 +61,14 @@ fn start(log: &Made, sigma: f64) -> Start<AttitudeBias, 6> {
 type Results = Vec<(Buffers, Result<End<AttitudeBias, 6>, Error>)>;
 
 /// All logs in one call, or each in a call of its own.
-fn replayed(filter: &AnyFilter, logs: &[(Made, f64)], every: usize, level: Level, gate: f64, together: bool) -> Results {
+fn replayed(
+    filter: &AnyFilter,
+    logs: &[(Made, f64)],
+    every: usize,
+    level: Level,
+    gate: f64,
+    together: bool,
+) -> Results {
     let model = GyroModel::new(ARW, RRW, Integrator::Rk4).unwrap();
     let timing = GyroTiming { sampling: Sampling::Hold, max_gap: 10.0, gap_rate_sigma: 1e-3 };
     let options = Options { output: Output::Every(every), level };
@@ -98,7 +105,8 @@ fn mixed() -> Vec<(Made, f64)> {
     (0..11)
         .map(|i| {
             let turn = if i == 3 { 4.0 } else { 0.01 * (1 + i) as f64 };
-            let log = made(i as u64, 400 + 37 * i, 0.1 + 0.01 * (i % 3) as f64, 1 + i % 4, turn, 0.013 * (i % 2) as f64);
+            let log =
+                made(i as u64, 400 + 37 * i, 0.1 + 0.01 * (i % 3) as f64, 1 + i % 4, turn, 0.013 * (i % 2) as f64);
             (log, if i == 5 { 2.5 } else { 1e-2 })
         })
         .collect()

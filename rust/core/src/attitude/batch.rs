@@ -242,6 +242,27 @@ impl<'a> Lane<'a> {
     }
 }
 
+/// Eight numbers as lanes.
+#[inline(always)]
+fn pack<T: Real>(x: &[f64; LANES]) -> T {
+    T::from_lanes(
+        #[inline(always)]
+        |i| x[i],
+    )
+}
+
+/// Lanes as eight numbers each.
+#[inline(always)]
+fn unpacked<T: Real, const K: usize>(x: &[T; K]) -> [[f64; LANES]; K] {
+    let mut out = [[0.0; LANES]; K];
+    for (out, x) in out.iter_mut().zip(x) {
+        for (i, out) in out.iter_mut().enumerate() {
+            *out = x.lane(i);
+        }
+    }
+    out
+}
+
 /// The filter in lanes.
 struct Batch<'a, 'c, F> {
     filter: &'c F,
@@ -321,7 +342,6 @@ impl<F: Filter> Batch<'_, '_, F> {
                 rate[c][i] = u.rate[c];
             }
         }
-        let pack = |x: &[f64; LANES]| T::from_lanes(|i| x[i]);
         let u = GyroInput { rate: [pack(&rate[0]), pack(&rate[1]), pack(&rate[2])], extra: pack(&extra) };
         let kept = stays.then_some(*belief);
         let ok = self.filter.predict::<GyroModel, T, 6>(belief, self.model, &u, pack(&t), pack(&dt));
@@ -368,10 +388,17 @@ impl<F: Filter> Batch<'_, '_, F> {
         }
         let Some(last) = last else { return };
         // lanes without a fix compute on another one's, behind a gate that nothing passes
-        let pack = |x: &[f64; LANES]| T::from_lanes(|i| if gate[i] < 0.0 { x[last] } else { x[i] });
-        let given: [T; 6] = std::array::from_fn(|c| pack(&noise[c]));
-        let z: [T; 4] = std::array::from_fn(|c| pack(&q[c]));
-        let gates = T::from_lanes(|i| gate[i]);
+        for i in 0..LANES {
+            if gate[i] < 0.0 {
+                for column in q.iter_mut().chain(&mut noise) {
+                    column[i] = column[last];
+                }
+            }
+        }
+        let [a, b, c, d, e, f] = &noise;
+        let given: [T; 6] = [pack(a), pack(b), pack(c), pack(d), pack(e), pack(f)];
+        let z: [T; 4] = [pack(&q[0]), pack(&q[1]), pack(&q[2]), pack(&q[3])];
+        let gates = pack(&gate);
         let outcome = self.filter.update::<_, T, 6, 3>(belief, &StarQuaternion, &given, &z, gates);
         for (i, lane) in self.lanes.iter_mut().enumerate() {
             let Event::Fix(number) = events[i] else { continue };
@@ -399,12 +426,12 @@ impl<F: Filter> Batch<'_, '_, F> {
                 continue;
             }
             let (mean, variance) = if lane.leg.is_multiple_of(lane.every) {
-                let spread = |x: T| -> [f64; LANES] { std::array::from_fn(|k| x.lane(k)) };
-                let x = mean.get_or_insert_with(|| {
-                    let x = belief.mean();
-                    [x.q[0], x.q[1], x.q[2], x.q[3], x.bias[0], x.bias[1], x.bias[2]].map(spread)
-                });
-                (*x, *variance.get_or_insert_with(|| belief.variance().map(spread)))
+                let x = belief.mean();
+                let means = [x.q[0], x.q[1], x.q[2], x.q[3], x.bias[0], x.bias[1], x.bias[2]];
+                (
+                    *mean.get_or_insert_with(|| unpacked(&means)),
+                    *variance.get_or_insert_with(|| unpacked(&belief.variance())),
+                )
             } else {
                 ([[0.0; LANES]; 7], [[0.0; LANES]; 6])
             };

@@ -141,14 +141,20 @@ fn direct<T: Real, const N: usize, const M: usize>(
 
     let left = Packed::<T, M, M>::product::<M>(&Packed::new(noise), |k, j| inverse.at(k, j));
     let top = Packed::<T, M, N>::product::<M>(&left, |k, j| p[(k, j)]);
-    let solved = Packed::<T, M, N>::product::<M>(&inverse, |k, j| p[(k, j)]);
-    let rest = Packed::new(p).minus(&seen, |k, j| solved.at(k, j));
+    let solved = Packed::<T, M, N>::columns_of_product::<M>(M, &inverse, |k, j| p[(k, j)]);
+    let rest = |i: usize, j: usize| {
+        let mut t = p[(i, j)];
+        for k in 0..M {
+            t = (-p[(i, k)]).mul_add(solved.at(k, j), t);
+        }
+        t
+    };
     let cov = symmetric(
         #[inline(always)]
         |i, j| match (i < M, j < M) {
             (true, _) => top.at(i, j),
             (false, true) => top.at(j, i),
-            (false, false) => rest.at(i, j),
+            (false, false) => rest(i, j),
         },
     );
     Corrected { cov, step, covariance, nis: factor.quadratic(innovation), factored: factor.ok }

@@ -4,8 +4,8 @@ use super::{Ekf, Filter, Linearised};
 use crate::belief::{Belief, Gaussian, Joint, Outcome, Tangent};
 use crate::linalg::{Matrix, Vector, apply, identity, mul, mul_t, solve_near_identity};
 use crate::manifold::Manifold;
-use crate::packed::gain;
 use crate::model::{Dynamics, Given, Input, Measurement, State, Value};
+use crate::packed::gain;
 use crate::replay::{Drive, Epoch, Past, Report, Sensors, Window};
 use crate::scalar::Real;
 

@@ -5,8 +5,8 @@ use super::{Ekf, Filter};
 use crate::belief::{Belief, Gaussian, Joint, Outcome};
 use crate::linalg::{Matrix, add, from_fn, transpose};
 use crate::manifold::Manifold;
-use crate::packed::gain;
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
+use crate::packed::gain;
 use crate::scalar::{Mask, Real};
 
 /// Score-function (Masreliez) filter: predicts as [`Ekf`]; a scalar measurement corrects by the exact

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::linalg::{
     Matrix, Vector, apply, cholesky, dot, forward_solve, from_fn, mul_t, square, symmetric, transpose, zeros,
 };
-use crate::manifold::{Family, Manifold, take_matrix};
+use crate::manifold::{Family, Manifold, components, take_matrix};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::scalar::{Mask, Real};
 
@@ -251,7 +251,7 @@ impl Filter for SrUkf {
         let noise = dynamics.noise_factor(&belief.mean, u, t, dt);
         // images and mean, carried over the reset of the small mean deviation, beside a root of the noise
         let (mut plus, mut minus) = (moved.images.plus, moved.images.minus);
-        let mut mean = [moved.mean.map(T::stack)];
+        let mut mean = [components(|i| moved.mean[i].stack())];
         D::Space::carry_columns::<T>(&moved.centre, &moved.mean, &mut plus[..packs::<T, N>()]);
         D::Space::carry_columns::<T>(&moved.centre, &moved.mean, &mut minus[..packs::<T, N>()]);
         D::Space::carry_columns::<T>(&moved.centre, &moved.mean, &mut mean);

@@ -114,9 +114,8 @@ impl Ukf {
         let (weight, of_mean) = (0.5 / spread, self.weights.mean_weight());
         let bias = images.mean(weight, 0);
         let noise = sensor.noise(given);
-        let covariance = symmetric(|i, j| {
-            (bias[i] * of_mean).mul_add(bias[j], images.covariance(i, j, weight)) + noise[(i, j)]
-        });
+        let covariance =
+            symmetric(|i, j| (bias[i] * of_mean).mul_add(bias[j], images.covariance(i, j, weight)) + noise[(i, j)]);
         let cross = images.cross(&root, spread.sqrt(), weight);
 
         let mut innovation = sensor.residual(z, &centre);

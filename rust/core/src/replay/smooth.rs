@@ -6,8 +6,8 @@ use crate::error::{Error, Result};
 use crate::filter::Filter;
 use crate::linalg::{Matrix, add, congruence, from_fn, mul, mul_t, square, subtract, symmetric};
 use crate::manifold::{Family, Manifold};
-use crate::packed::gain;
 use crate::model::{Dynamics, Input};
+use crate::packed::gain;
 use crate::scalar::Real;
 
 /// One step of the smoother: what is known of the state before a step of the dynamics once the state

@@ -174,9 +174,7 @@ impl Real for Wide {
     #[inline(always)]
     fn mul_add(self, b: Self, c: Self) -> Self {
         // SAFETY: the processor has AVX2 and FMA, see the module's comment.
-        unsafe {
-            Self([_mm256_fmadd_pd(self.0[0], b.0[0], c.0[0]), _mm256_fmadd_pd(self.0[1], b.0[1], c.0[1])])
-        }
+        unsafe { Self([_mm256_fmadd_pd(self.0[0], b.0[0], c.0[0]), _mm256_fmadd_pd(self.0[1], b.0[1], c.0[1])]) }
     }
     #[inline(always)]
     fn sqrt(self) -> Self {

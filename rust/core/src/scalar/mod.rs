@@ -14,11 +14,11 @@ mod one;
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
+#[cfg(target_arch = "x86_64")]
+pub use avx2::{Wide, WideMask};
 pub(crate) use dispatch::{Baseline, Runner};
 pub use dispatch::{Level, Run, RunWide};
 pub use lanes::{Lanes, Mask8};
-#[cfg(target_arch = "x86_64")]
-pub use avx2::{Wide, WideMask};
 #[cfg(target_arch = "x86_64")]
 pub use one::Fused;
 
