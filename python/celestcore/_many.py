@@ -25,14 +25,17 @@ def run_many(
     """Return a solution for each log, None where the filter broke down."""
     if isinstance(logs, SensorLog):
         raise InputError("is one log; use run for it, or give a list", field="logs")
-    given = list(logs)
+    if not isinstance(logs, Iterable):
+        raise InputError("must be a list of SensorLog", field="logs", value=logs)
     workers = processors(threads, alone=True)
+    _replay.checked_options(options)
+    given = list(logs)
     calls: list[tuple[dict[str, Any], list[str]]] = []
     for i, log in enumerate(given):
         try:
             calls.append(_replay.prepare(nav, log, options))
         except InputError as error:
-            raise InputError(f"log {i}: {error}") from error
+            raise error.located(f"log {i}") from None
     found = _core.replay_many([call for call, _ in calls], workers)
     solutions: list[Solution | None] = []
     for i, (log, (call, names), out) in enumerate(zip(given, calls, found, strict=True)):
@@ -40,7 +43,8 @@ def run_many(
             warn(f"log {i} has no solution: {out}")
             solutions.append(None)
             continue
+        source = (log, dict(options))
         solutions.append(
-            _replay.finish(nav, log, names, call, out, source=(log, dict(options)))
+            _replay.finish(nav, log, names, call, out, label=f"log {i}: ", source=source)
         )
     return solutions

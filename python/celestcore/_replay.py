@@ -51,6 +51,36 @@ KEPT = ("full", "nis", "none")
 """What may be kept of the measurements."""
 
 
+def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a run, those that are not given as they are by default.
+
+    Raises
+    ------
+    InputError
+        Names the option and the value.
+    """
+    known = {**START, **OUTPUT}
+    for name in given:
+        if name not in known:
+            raise InputError(f"is not an option; known are {', '.join(known)}", field=name)
+    o = {**known, **given}
+    if o["progress"] is not None and not callable(o["progress"]):
+        raise InputError("must be callable as progress(done, total)", field="progress")
+    if o["period"] is not None:
+        if o["every"] != 1:
+            raise InputError(
+                "goes without every: give one of them", field="period", value=o["period"]
+            )
+        o["period"] = number(o["period"], "period", above=0.0)
+    if o["innovations"] not in KEPT:
+        known_words = ", ".join(KEPT)
+        raise InputError(
+            f"must be one of {known_words}", field="innovations", value=o["innovations"]
+        )
+    o["every"] = count(o["every"], "every")
+    return o
+
+
 def prepare(
     nav: StarGyroNavigator, log: SensorLog, given: Mapping[str, Any]
 ) -> tuple[dict[str, Any], list[str]]:
@@ -64,20 +94,7 @@ def prepare(
     gyro = checked(log, "log", SensorLog).gyro
     if gyro is None:
         raise InputError("the log has no gyro table; it has " + ", ".join(log.tables))
-    known = {**START, **OUTPUT}
-    for name in given:
-        if name not in known:
-            raise InputError(f"is not an option; known are {', '.join(known)}", field=name)
-    o = {**known, **given}
-    if o["progress"] is not None and not callable(o["progress"]):
-        raise InputError("must be callable as progress(done, total)", field="progress")
-    if o["period"] is not None and o["every"] != 1:
-        raise InputError("goes without every: give one of them", field="period", value=o["period"])
-    if o["innovations"] not in KEPT:
-        known_words = ", ".join(KEPT)
-        raise InputError(
-            f"must be one of {known_words}", field="innovations", value=o["innovations"]
-        )
+    o = checked_options(given)
     names, sensors = _sensors(nav, log)
     turn = nav.gyro._turn()
     sigma0 = o["sigma0"]
@@ -90,8 +107,8 @@ def prepare(
         "start": _start(gyro.t, o["t0"], o["q0"], sigma0, o["covariance0"]),
         "bias0": three(o["bias0"], "bias0"),
         "bias_sigma": [BIAS_SIGMA] * 3 if sigma0 is None else sigma_of(sigma0)[3:].tolist(),
-        "every": count(o["every"], "every"),
-        "period": None if o["period"] is None else number(o["period"], "period", above=0.0),
+        "every": o["every"],
+        "period": o["period"],
         "covariance": bool(o["covariance"]),
         "innovations": o["innovations"],
         "portable": bool(o["portable"]),
@@ -156,9 +173,10 @@ def finish(
     names: list[str],
     call: Mapping[str, Any],
     out: dict[str, Any],
+    label: str = "",
     **more: Any,
 ) -> Solution:
-    """Return the core's answer to a call as a solution."""
+    """Return the core's answer to a call as a solution; a warning begins with the label."""
     gyro = log.gyro
     assert gyro is not None
     # what a filter does not use (LiteralUKF and directions) is neither accepted nor rejected
@@ -166,7 +184,7 @@ def finish(
     measurements = accepted + outside + unused
     if outside > max(10, REJECTED * measurements):
         warn(
-            f"{outside} of {measurements} measurements were outside the gate: "
+            f"{label}{outside} of {measurements} measurements were outside the gate: "
             "the start, the noise or the frames are probably wrong"
         )
     innovation, innovation_sigma = out["innovation"], out["innovation_sigma"]

@@ -1,7 +1,7 @@
 //! Several logs in one call.
 
 use crate::convert::{as_rows, matrices, table};
-use crate::errors::{input, raise};
+use crate::errors::raise;
 use crate::listener::Listener;
 use crate::replay::{Begin, Replayed, Sensor, finish};
 use celestcore_core::attitude::{AttitudeBias, AttitudeSensors, Buffers, Flight, Log, Rows, gaps, rows, run_all};
@@ -31,8 +31,9 @@ fn replay_many<'py>(py: Python<'py>, logs: Vec<Replayed<'py>>, threads: usize) -
         .collect::<PyResult<Vec<_>>>()?;
     let (mut sensors, mut starts, mut buffers) = (Vec::new(), Vec::new(), Vec::new());
     for (i, log) in logs.iter().enumerate() {
-        let named = |e: PyErr| match e.value(py).str() {
-            Ok(message) => input(py, &format!("log {i}: {message}")),
+        // the same error, with the number of the log
+        let named = |e: PyErr| match e.value(py).call_method1("located", (format!("log {i}"),)) {
+            Ok(located) => PyErr::from_value(located),
             Err(_) => e,
         };
         let merged = AttitudeSensors::new(&series[i], log.setup.gate).map_err(|e| named(raise(py, e)))?;
@@ -53,7 +54,8 @@ fn replay_many<'py>(py: Python<'py>, logs: Vec<Replayed<'py>>, threads: usize) -
     let mut listener = Listener::new(first.progress.as_ref().map(|p| p.clone_ref(py)), total);
     let (ends, elapsed) = py.detach(|| {
         let began = Instant::now();
-        let mut poll = |done: usize| listener.poll((done * TASK).min(total));
+        // tasks end in any order: logs in proportion
+        let mut poll = |done: usize| listener.poll(done * total / total.div_ceil(TASK));
         (run_all(&filter, flights, &options, threads, &mut poll), began.elapsed().as_secs_f64())
     });
     listener.finish()?;

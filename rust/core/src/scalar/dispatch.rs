@@ -1,4 +1,4 @@
-//! The one place that knows about instruction sets, and the one place with `unsafe`: a generic run
+//! The one place that knows about instruction sets, and, beside the registers of `avx2`, the one with `unsafe`: a generic run
 //! is instantiated inside functions compiled for different instruction sets, and the choice between
 //! them is made at run time, once per run.
 #![allow(unsafe_code)]
