@@ -112,6 +112,12 @@ fn mixed() -> Vec<(Made, f64)> {
         .collect()
 }
 
+/// What rounding may change of a standard deviation: where the first fix takes most of a wide start away, the unscented
+/// update subtracts, and loses digits as the variances are apart.
+fn rounding(sigma0: f64, sigma: f64) -> f64 {
+    1e-9 + 1e-15 * (sigma0 / sigma).powi(2)
+}
+
 fn filters() -> [AnyFilter; 3] {
     [AnyFilter::Ekf(Ekf::default()), AnyFilter::Ukf(Ukf::default()), AnyFilter::SrUkf(SrUkf::default())]
 }
@@ -123,13 +129,13 @@ fn lanes_agree_with_logs_one_by_one() {
         for every in [1, 7] {
             let alone = replayed(&filter, &logs, every, Level::best(), 1.0, false);
             let lanes = replayed(&filter, &logs, every, Level::best(), 1.0, true);
-            for ((a, end_a), (b, end_b)) in alone.iter().zip(&lanes) {
+            for (((a, end_a), (b, end_b)), (_, sigma0)) in alone.iter().zip(&lanes).zip(&logs) {
                 let (end_a, end_b) = (end_a.as_ref().unwrap(), end_b.as_ref().unwrap());
                 assert_eq!((a.t.clone(), a.accepted.clone()), (b.t.clone(), b.accepted.clone()));
                 assert_eq!((end_a.t, end_a.outside), (end_b.t, end_b.outside));
                 for (p, q) in a.sigma.iter().zip(&b.sigma) {
                     for i in 0..6 {
-                        assert!((p[i] / q[i] - 1.0).abs() < 1e-9, "{filter:?}: {p:?} {q:?}");
+                        assert!((p[i] / q[i] - 1.0).abs() < rounding(*sigma0, p[i]), "{filter:?}: {p:?} {q:?}");
                     }
                 }
                 for ((p, q), sigma) in a.q.iter().zip(&b.q).zip(&a.sigma) {
@@ -171,10 +177,10 @@ fn a_level_without_lanes_runs_one_by_one() {
         let plain = replayed(&filter, &logs, 5, Level::Portable, 1.0, true);
         let alone = replayed(&filter, &logs, 5, Level::Portable, 1.0, false);
         let best = replayed(&filter, &logs, 5, Level::best(), 1.0, true);
-        for (((a, _), (b, _)), (c, _)) in plain.iter().zip(&best).zip(&alone) {
+        for ((((a, _), (b, _)), (c, _)), (_, sigma0)) in plain.iter().zip(&best).zip(&alone).zip(&logs) {
             assert_eq!((&a.q, &a.sigma, &a.nis), (&c.q, &c.sigma, &c.nis));
             for (p, q) in a.sigma.iter().flatten().zip(b.sigma.iter().flatten()) {
-                assert!((p / q - 1.0).abs() < 1e-9);
+                assert!((p / q - 1.0).abs() < rounding(*sigma0, *p));
             }
         }
     }
