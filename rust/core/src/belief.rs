@@ -20,22 +20,34 @@ pub trait Belief<S: Manifold<N>, T: Real, const N: usize>: Copy {
     /// a variance negative.
     #[inline(always)]
     fn finite(&self) -> T::Mask {
-        let mut finite = Finite::new();
-        S::inspect(self.mean(), &mut finite);
-        for v in self.variance() {
-            finite.look(v);
-        }
-        finite.all().and(S::valid(self.mean()))
+        finite::<S, T, N>(self.mean(), &self.variance())
     }
     /// True where state and covariance are finite and every variance is positive.
     #[inline(always)]
     fn healthy(&self) -> T::Mask {
-        let mut ok = self.finite();
-        for v in self.variance() {
-            ok = ok.and(v.gt(T::zero()));
-        }
-        ok
+        healthy::<S, T, N>(self.mean(), &self.variance())
     }
+}
+
+/// See [`Belief::finite`].
+#[inline(always)]
+pub(crate) fn finite<S: Manifold<N>, T: Real, const N: usize>(mean: &S::Of<T>, variance: &Vector<T, N>) -> T::Mask {
+    let mut finite = Finite::new();
+    S::inspect(mean, &mut finite);
+    for i in 0..N {
+        finite.look(variance[i]);
+    }
+    finite.all().and(S::valid(mean))
+}
+
+/// See [`Belief::healthy`].
+#[inline(always)]
+pub(crate) fn healthy<S: Manifold<N>, T: Real, const N: usize>(mean: &S::Of<T>, variance: &Vector<T, N>) -> T::Mask {
+    let mut ok = finite::<S, T, N>(mean, variance);
+    for i in 0..N {
+        ok = ok.and(variance[i].gt(T::zero()));
+    }
+    ok
 }
 
 /// A state and the covariance of its error.

@@ -1,9 +1,9 @@
 //! Extended Kalman filter on a manifold: for an attitude, the multiplicative EKF.
 
 use super::{Filter, cast};
-use crate::belief::{Belief, Gaussian, Joint, Outcome};
-use crate::linalg::{Matrix, Vector, add, cholesky, from_fn, ldl, square, symmetric, transpose};
-use crate::manifold::Manifold;
+use crate::belief::{Gaussian, Joint, Outcome, finite, healthy};
+use crate::linalg::{Matrix, Vector, add, cholesky, diagonal, from_fn, ldl, square, symmetric, transpose};
+use crate::manifold::{Family, Manifold, take_matrix};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::packed::{Packed, gain};
 use crate::scalar::{Mask, Real};
@@ -44,9 +44,10 @@ impl Filter for Ekf {
         dt: T,
     ) -> T::Mask {
         let (mean, cov) = dynamics.propagate(&belief.mean, &belief.cov, u, t, dt);
-        let new = Gaussian { mean, cov };
-        let ok = new.finite();
-        belief.take(ok, &new);
+        let ok = finite::<D::Space, T, N>(&mean, &diagonal(&cov));
+        // part by part: a new belief would be one more copy of the matrix
+        D::Space::take::<T>(&mut belief.mean, ok, &mean);
+        take_matrix::<T, N, N>(&mut belief.cov, ok, &cov);
         ok
     }
 
@@ -88,10 +89,11 @@ impl Filter for Ekf {
             *d = if self.reset { *d } else { T::zero() };
         }
         let cov = H::Space::transport(x, &turned, &cov);
-        let new = Gaussian { mean: H::Space::normalise(&H::Space::retract(x, &step)), cov };
-        let ok = factored.and(new.healthy());
+        let mean = H::Space::normalise(&H::Space::retract(x, &step));
+        let ok = factored.and(healthy::<H::Space, T, N>(&mean, &diagonal(&cov)));
         let accepted = ok.and(gate.gt(nis));
-        belief.take(accepted, &new);
+        H::Space::take::<T>(&mut belief.mean, accepted, &mean);
+        take_matrix::<T, N, N>(&mut belief.cov, accepted, &cov);
         Outcome { ok, accepted, innovation, covariance, nis }
     }
 }
