@@ -144,19 +144,18 @@ fn direct<T: Real, const N: usize, const M: usize>(
     let left = Packed::<T, M, M>::product::<M>(&Packed::new(noise), |k, j| inverse.at(k, j));
     let top = Packed::<T, M, N>::product::<M>(&left, |k, j| p[(k, j)]);
     let solved = Packed::<T, M, N>::columns_of_product::<M>(M, &inverse, |k, j| p[(k, j)]);
-    let rest = |i: usize, j: usize| {
-        let mut t = p[(i, j)];
-        for k in 0..M {
-            t = (-p[(i, k)]).mul_add(solved.at(k, j), t);
-        }
-        t
-    };
     let cov = symmetric(
         #[inline(always)]
         |i, j| match (i < M, j < M) {
             (true, _) => top.at(i, j),
             (false, true) => top.at(j, i),
-            (false, false) => rest(i, j),
+            (false, false) => {
+                let mut rest = p[(i, j)];
+                for k in 0..M {
+                    rest = (-p[(i, k)]).mul_add(solved.at(k, j), rest);
+                }
+                rest
+            }
         },
     );
     Corrected { cov, step, covariance, nis: factor.quadratic(innovation), factored: factor.ok }
