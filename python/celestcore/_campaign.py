@@ -42,6 +42,8 @@ CHUNKS = 128
 """Parts that a campaign is cut into for an executor at least, if nothing else is asked for."""
 STEPS = 300_000
 """Filter steps in a part at most, if there is more than one trial: some tenths of a second."""
+LONGEST = 3 * STEPS
+"""Filter steps in a group of trials at most; longer trials go one by one."""
 
 
 class Executor(Protocol):
@@ -120,6 +122,8 @@ class Job:
     portable: bool
     stop: Stop = field(default_factory=Stop)
 
+    group: ClassVar[int] = 8
+    """Trials that the core runs side by side: parts of whole groups waste none of its lanes."""
     engine: ClassVar[Callable[..., list[dict[str, Any]]]] = staticmethod(_core.monte_carlo)
     """What runs it in the core."""
 
@@ -141,7 +145,10 @@ class Job:
     def part(self, trials: int) -> int:
         """Return how many trials go into one task of an executor by default."""
         steps = len(self.flight["t"]) * len(self.estimators) + self.readings()
-        return max(1, min(-(-trials // CHUNKS), STEPS // steps))
+        part = max(1, min(-(-trials // CHUNKS), STEPS // steps))
+        if self.group * steps > LONGEST:
+            return part
+        return -(-part // self.group) * self.group
 
     def readings(self) -> int:
         """Return how many readings a trial simulates beside those at each step."""

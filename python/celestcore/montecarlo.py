@@ -80,7 +80,8 @@ def monte_carlo(
         or a Dask cluster's ``client.get_executor()``. Trials go to it in chunks.
     chunk : int, optional
         Trials in one task of the executor; by default such that there are 128 tasks, or more where
-        one would take longer than some tenths of a second.
+        one would take longer than some tenths of a second, in whole groups of eight unless trials
+        are long: EKF and UKF run eight side by side.
     portable : bool
         Compute without the wide instructions of this machine: same bits on every x86-64 machine.
     progress : callable, optional

@@ -36,6 +36,7 @@ Navigators: TypeAlias = "CelestialNavigator | Mapping[str, CelestialNavigator]"
 class _Job(Job):
     """A campaign without its trials; it can be pickled."""
 
+    group = 1
     engine = staticmethod(_core.celestial_monte_carlo)
 
     def readings(self) -> int:

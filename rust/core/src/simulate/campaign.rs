@@ -155,13 +155,14 @@ impl<'a> Shared<'a> {
     }
 }
 
-/// Memory of the trials that run side by side, in bytes, at most; with what a row of results takes.
-const MEMORY: usize = 256 << 20;
+/// Memory that trials side by side may take in each thread, in bytes, and what a row of one takes.
+const MEMORY: usize = 384 << 20;
 const ROW: usize = 640;
 
-/// Trials that run side by side: by the scenario alone, so that a trial's result does not depend on how a campaign is cut.
+/// Trials that run side by side: all lanes, or one where eight trials take too much memory. By the scenario alone, so that
+/// a trial's result does not depend on how a campaign is cut.
 fn side_by_side(steps: usize) -> usize {
-    (MEMORY / (ROW * steps.max(1))).clamp(1, LANES)
+    if MEMORY / (ROW * steps.max(1)) < LANES { 1 } else { LANES }
 }
 
 /// One trial's memory.
