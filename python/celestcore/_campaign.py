@@ -11,7 +11,7 @@ from uuid import uuid4
 import numpy as np
 
 from celestcore import _core
-from celestcore._arguments import Sigma0, count, each_checked, processors, sigma_of
+from celestcore._arguments import Sigma0, count, each_checked, sigma_of
 from celestcore._check import FloatArray, number, warn
 from celestcore._replay import BIAS_SIGMA
 from celestcore._scores import S

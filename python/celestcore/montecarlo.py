@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from celestcore._arguments import Sigma0, checked, count
+from celestcore._arguments import Sigma0, checked, count, processors
 from celestcore._campaign import (
     Executor,
     Job,
@@ -14,7 +14,6 @@ from celestcore._campaign import (
     checked_skip,
     described,
     named,
-    processors,
     run_all,
     smoothed_of,
     warn_of_failures,

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from celestcore import _core
-from celestcore._arguments import checked, count
+from celestcore._arguments import checked, count, processors
 from celestcore._campaign import (
     Executor,
     Job,
     Progress,
     checked_skip,
     named,
-    processors,
     run_all,
     smoothed_of,
     warn_of_failures,

@@ -9,7 +9,7 @@ import numpy as np
 
 import celestcore as cc
 from celestcore import simulate
-from celestcore._campaign import processors
+from celestcore._arguments import processors
 from celestcore.reproduce import _model as model
 from celestcore.reproduce._model import Array, Cell
 from celestcore.reproduce._pool import Job, Progress, in_parallel

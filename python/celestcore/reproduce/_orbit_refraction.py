@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import celestcore as cc
-from celestcore._campaign import processors
+from celestcore._arguments import processors
 from celestcore.reproduce import _orbit_model as model
 from celestcore.reproduce._orbit_bench import Bench, Plan, effort
 from celestcore.reproduce._orbit_model import Array, Cell
