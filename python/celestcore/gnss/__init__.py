@@ -1,0 +1,1 @@
+"""Attitude and orbit from GPS."""
