@@ -1,0 +1,1 @@
+"""Position and attitude from GNSS and star sensors."""
