@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,11 +10,22 @@ from typing import Any
 import numpy as np
 
 from celestcore._check import FloatArray, array
-from celestcore._tables import GnssTable, GyroTable, StarTable, Table, VectorTable, table_kind
+from celestcore._gnss_tables import FEWEST, MOST
+from celestcore._tables import (
+    KNOWN,
+    BaselineTable,
+    GnssTable,
+    GyroTable,
+    StarTable,
+    Table,
+    VectorTable,
+    table_kind,
+)
 from celestcore.errors import InputError, LogFormatError
 
 _COVARIANCE = ("cxx", "cxy", "cxz", "cyy", "cyz", "czz")
 _UPPER = np.triu_indices(3)
+_NUMBERED = re.compile(r"[xyz]([1-9]\d?)")
 
 
 @dataclass(frozen=True)
@@ -36,15 +48,36 @@ SCHEMAS = {
 }
 
 
-def schema_of(table: str) -> Schema:
-    """Return the columns of a table; an error for an unknown name lists the known ones."""
+def _baselines(number: int) -> Schema:
+    """Return the columns of so many baselines: ``x1 y1 z1 x2 ...``."""
+    return Schema(tuple((f"x{k}", f"y{k}", f"z{k}") for k in range(1, number + 1)))
+
+
+def _number_of(column: str) -> int:
+    """Return which baseline a column belongs to, 0 if it is no column of baselines."""
+    match = _NUMBERED.fullmatch(column)
+    number = int(match[1]) if match else 0
+    return number if number <= MOST else 0
+
+
+def schema_of(table: str, found: Iterable[str] = ()) -> Schema:
+    """Return the columns of a table; an error for an unknown name lists the known ones.
+
+    The columns that were found say how many baselines there are.
+    """
     kind = table_kind(table)
     if kind is None:
-        raise LogFormatError(
-            "is no table of a log; known are gyro, star, star_NAME, vector_NAME and gnss",
-            field=table,
-        )
+        raise LogFormatError(f"is no table of a log; known are {KNOWN}", field=table)
+    if kind == "baselines":
+        return _baselines(max([FEWEST, *map(_number_of, found)]))
     return SCHEMAS[kind]
+
+
+def is_column(kind: str, column: str) -> bool:
+    """Say whether a table of this kind may have such a column."""
+    if kind == "baselines":
+        return column == "t" or _number_of(column) > 0
+    return column in SCHEMAS[kind].columns()
 
 
 def groups_present(
@@ -58,7 +91,7 @@ def groups_present(
         If a needed column, or a part of an optional group, is missing: lists what was found.
     """
     names = list(found)
-    schema = schema_of(table)
+    schema = schema_of(table, names)
     started = [g for g in schema.optional if any(c in names for c in g)]
     wanted = [c for g in (("t",), *schema.needed, *started) for c in g]
     missing = [c for c in wanted if c not in names]
@@ -103,6 +136,8 @@ def parts_from_columns(table: str, columns: Mapping[str, Any]) -> tuple[FloatArr
             parts.append(values[0])
         else:
             parts.append(np.stack(values, axis=1))
+    if table_kind(table) == "baselines":
+        return t, np.stack(parts[1:], axis=1)
     return tuple(parts)
 
 
@@ -135,4 +170,7 @@ def columns_from_table(table: Table) -> dict[str, FloatArray]:
     elif isinstance(table, GnssTable):
         add(SCHEMAS["gnss"].needed[0], table.r)
         add(SCHEMAS["gnss"].optional[0], table.v)
+    elif isinstance(table, BaselineTable):
+        for k, names in enumerate(_baselines(table.b.shape[1]).needed):
+            add(names, table.b[:, k])
     return out

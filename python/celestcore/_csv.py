@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from celestcore._check import FloatArray, IntArray, warn
-from celestcore._columns import SCHEMAS, groups_present
+from celestcore._columns import SCHEMAS, groups_present, is_column
 from celestcore._optional import require
 from celestcore._tables import table_kind
 from celestcore.errors import LogFormatError
@@ -94,7 +94,7 @@ def _assign(header: list[str]) -> tuple[dict[str, dict[str, str]], list[str]]:
                 "has a time column of its own; in a CSV log all sensors share the one column t",
                 field=cell,
             )
-        if kind is not None and column in SCHEMAS[kind].columns():
+        if kind is not None and is_column(kind, column):
             if column in tables.setdefault(table, {}):
                 raise LogFormatError(f"column {column} of {table} is given twice", field=cell)
             tables[table][column] = cell
@@ -176,7 +176,8 @@ def write_csv(path: Path, tables: Mapping[str, Columns]) -> None:
                 continue
             spread = np.zeros(len(t))
             spread[at] = values
-            cells[column if plain else f"{table}_{column}"] = pa.array(spread, mask=blank)
+            empty = blank | np.isnan(spread)
+            cells[column if plain else f"{table}_{column}"] = pa.array(spread, mask=empty)
     with path.open("wb") as stream:
         stream.write((",".join(cells) + "\n").encode())
         options = arrow_csv.WriteOptions(include_header=False, quoting_style="none")

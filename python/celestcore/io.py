@@ -2,7 +2,7 @@
 
 ==============  ================================================================================
 ``NAME/``       ``gyro.parquet``, ``star.parquet``, ``star_1.parquet``, ``vector_NAME.parquet``,
-                ``gnss.parquet``, and ``log.toml``
+                ``gnss.parquet``, ``baselines.parquet``, and ``log.toml``
 ``NAME.npz``    keys ``gyro_t``, ``gyro_wx`` ..., ``star_t``, ``star_qw`` ...; ``NAME.toml``
 ``NAME.csv``    one time column ``t``, then ``wx`` ... and ``qw`` ..., or prefixed as in NPZ; blank:
                 that sensor has no sample at that time; ``NAME.toml``
@@ -10,7 +10,8 @@
 
 Columns: gyro ``wx wy wz`` rad/s; star ``qw qx qy qz`` and, optionally, ``sx sy sz`` rad or
 ``cxx cxy cxz cyy cyz czz`` rad^2; vector ``bx by bz ix iy iz`` and, optionally, ``sigma`` rad; gnss
-``x y z`` m and, optionally, ``vx vy vz`` m/s; every table ``t`` s. The TOML file is optional.
+``x y z`` m and, optionally, ``vx vy vz`` m/s; baselines ``x1 y1 z1 x2 y2 z2`` ... m; every table
+``t`` s. The TOML file is optional.
 """
 
 from __future__ import annotations

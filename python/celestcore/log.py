@@ -14,6 +14,8 @@ from celestcore._check import FloatArray, warn
 from celestcore._columns import parts_from_columns
 from celestcore._epoch import epoch_string
 from celestcore._tables import (
+    KNOWN,
+    BaselineTable,
     GnssTable,
     GyroTable,
     StarTable,
@@ -30,7 +32,15 @@ if TYPE_CHECKING:
 
     from celestcore.config import Settings
 
-__all__ = ["GnssTable", "GyroTable", "SensorLog", "StarTable", "Table", "VectorTable"]
+__all__ = [
+    "BaselineTable",
+    "GnssTable",
+    "GyroTable",
+    "SensorLog",
+    "StarTable",
+    "Table",
+    "VectorTable",
+]
 
 _DEGREES = 180.0 / np.pi
 _TELLING = 0.25
@@ -56,6 +66,9 @@ class SensorLog:
         Unit vectors (n, 3) in the sensor's and the inertial frame; short for ``vector_1``.
     gnss : (t, r) or (t, r, v)
         Earth-fixed position (n, 3) m and velocity (n, 3) m/s.
+    baselines : (t, b)
+        `b` (n, k, 3) m, Earth-fixed, from the master antenna to k others, two at least; NaN where
+        one is missing.
     scalar_first : bool
         Whether raw quaternion arrays are (w, x, y, z).
     frames : dict, optional
@@ -75,6 +88,7 @@ class SensorLog:
     vectors : dict of str to VectorTable
         Keys without ``vector_``.
     gnss : GnssTable or None
+    baselines : BaselineTable or None
     epoch, title : str or None
     frames, settings : dict
 
@@ -106,6 +120,7 @@ class SensorLog:
         star: Any = None,
         vector: Any = None,
         gnss: Any = None,
+        baselines: Any = None,
         scalar_first: bool = True,
         frames: Mapping[str, str] | None = None,
         title: str | None = None,
@@ -119,16 +134,14 @@ class SensorLog:
         self.frames: dict[str, str] = self.settings.get("frames", {})
         if vector is not None and tables.setdefault("vector_1", vector) is not vector:
             raise InputError("is short for vector_1, which is given too", field="vector")
-        given = {"gyro": gyro, "star": star, **tables, "gnss": gnss}
+        given = {"gyro": gyro, "star": star, **tables, "gnss": gnss, "baselines": baselines}
         self._tables = {
             name: _table(name, value, scalar_first)
             for name, value in given.items()
             if value is not None or table_kind(name) is None
         }
         if not self._tables:
-            raise InputError(
-                "the log is empty; give at least one of gyro, star, vector_NAME and gnss"
-            )
+            raise InputError(f"the log is empty; give at least one of {KNOWN}")
         with np.errstate(all="ignore"):
             _warn_if_degrees(self.gyro, self.stars)
 
@@ -162,6 +175,12 @@ class SensorLog:
         """The GNSS table, None if there is none."""
         table = self._tables.get("gnss")
         return table if isinstance(table, GnssTable) else None
+
+    @property
+    def baselines(self) -> BaselineTable | None:
+        """The table of baselines between GNSS antennas, None if there is none."""
+        table = self._tables.get("baselines")
+        return table if isinstance(table, BaselineTable) else None
 
     @property
     def span(self) -> tuple[float, float]:

@@ -50,7 +50,7 @@ def assert_same(a: SensorLog, b: SensorLog) -> None:
             one, two = getattr(table, key), getattr(b.tables[name], key)
             assert (one is None) == (two is None), (name, key)
             if one is not None:
-                assert np.array_equal(one, two), (name, key)
+                assert np.array_equal(one, two, equal_nan=True), (name, key)
     assert (a.title, a.epoch, a.frames) == (b.title, b.epoch, b.frames)
 
 
@@ -76,14 +76,21 @@ def logs(draw: st.DrawFn) -> SensorLog:
         return np.asarray(v / np.linalg.norm(v, axis=1)[:, None])
 
     tables: dict[str, Any] = {}
-    kinds = ["gyro", "star", "star_1", "star_aft_2", "vector_sun", "vector_x_t", "gnss"]
-    for name in draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=7, unique=True)):
+    kinds = ["gyro", "star", "star_1", "star_aft_2", "vector_sun", "vector_x_t"]
+    kinds += ["gnss", "baselines"]
+    for name in draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=8, unique=True)):
         t = times()
         n = len(t)
         if name == "gyro":
             tables[name] = (t, rows(n, 3))
         elif name == "gnss":
-            tables[name] = (t, rows(n, 3)) + ((rows(n, 3),) if draw(st.booleans()) else ())
+            place = units(n, 3) * 1e7 + rows(n, 3, st.floats(-1e6, 1e6))
+            tables[name] = (t, place) + ((rows(n, 3),) if draw(st.booleans()) else ())
+        elif name == "baselines":
+            k = draw(st.integers(2, 4))
+            b = rows(n, 3 * k, st.floats(0.1, 1e5)).reshape(n, k, 3)
+            b[:, 1:][rows(n, k - 1, st.floats(0.0, 1.0)) > 0.7] = np.nan
+            tables[name] = (t, b)
         elif name.startswith("vector"):
             sigma = (rows(n, 1, st.floats(1e-300, 0.4))[:, 0],) if draw(st.booleans()) else ()
             tables[name] = (t, units(n, 3), units(n, 3), *sigma)

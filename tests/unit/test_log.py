@@ -339,11 +339,9 @@ def test_sigmas_in_degrees_warn() -> None:
         SensorLog(vector_a=(T, B, B, 2.0))
 
 
-def test_seconds_since_1970_and_kilometres_warn() -> None:
+def test_seconds_since_1970_warn() -> None:
     with pytest.warns(CelestcoreWarning, match="1970"):
         SensorLog(gyro=(T + 1.7e9, RATE))
-    with pytest.warns(CelestcoreWarning, match=r"celestcore\.KM"):
-        SensorLog(gnss=(T, R / 1e3))
 
 
 # ------------------------------------------------------------------ settings and speed
