@@ -186,7 +186,7 @@ def pool(
         values[name], errors[name] = _plain(root), _plain(spread)
     for name in means:
         mean, error = _mean(getattr(scores, name)[good])
-        values[name], errors[name] = float(mean), float(error)
+        values[name], errors[name] = _plain(mean), _plain(error)
     return values, errors
 
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from celestcore.log import GyroTable, SensorLog
 
 WIDE = 0.1
-"""1-sigma of the attitude about a start that is the first fix itself [rad]: so wide that the fix does
-not count twice."""
+"""1-sigma of the attitude about a start that is the first fix itself [rad]: so wide that the fix
+does not count twice."""
 
 
 @dataclass
@@ -79,7 +79,8 @@ def with_antennas(
 def _ordered(parts: list[tuple[Any, ...]], names: list[str]) -> AttitudeFixes:
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     order = np.argsort(columns[0], kind="stable")
-    return AttitudeFixes(*[np.ascontiguousarray(c[order]) for c in columns], names=names)
+    t, q, noise, sensor, row = (np.ascontiguousarray(column[order]) for column in columns)
+    return AttitudeFixes(t, q, noise, sensor, row, names)
 
 
 def gyro_inputs(nav: GnssStarNavigator, table: GyroTable, stops: FloatArray) -> FloatArray:
@@ -99,7 +100,9 @@ def gyro_inputs(nav: GnssStarNavigator, table: GyroTable, stops: FloatArray) -> 
     inputs[:-1, :3] = np.where(gap[:, None], mean, chosen)
     inputs[:-1, 3] = np.where(gap, gyro.gap_rate_sigma**2 * dt, 0.0)
     inputs[-1, :3] = rate[-1]
-    return np.ascontiguousarray(inputs[np.clip(np.searchsorted(t, stops, "right") - 1, 0, len(t) - 1)])
+    return np.ascontiguousarray(
+        inputs[np.clip(np.searchsorted(t, stops, "right") - 1, 0, len(t) - 1)]
+    )
 
 
 class AttitudeRun:
@@ -124,7 +127,7 @@ class AttitudeRun:
         lfe = self.nav.lfe
         if lfe is not None and lfe.harmonics and span < 0.5 * self.period:
             warn(
-                f"the fixes span {span:.0f} s, less than half an orbit ({0.5 * self.period:.0f} s): "
+                f"the fixes span {span:.0f} s, less than half an orbit, {0.5 * self.period:.0f} s: "
                 "harmonics of the star sensor's error cannot be told from the attitude there, and "
                 "the sigmas say so"
             )
@@ -138,13 +141,15 @@ class AttitudeRun:
         o: dict[str, Any],
         back: bool,
     ) -> dict[str, Any]:
-        """Run over the stops; `frames` are the orbital frame at stops and at the fixes, if it is used."""
+        """Run over the stops; `frames` is the orbital frame at stops and fixes, if it is used."""
         fixes, nav = self.fixes, self.nav
         inside = np.flatnonzero((fixes.t >= stops[0]) & (fixes.t <= stops[-1]))
         if not len(inside):
             raise InputError("has no fix inside the span of the log", field="star")
-        q = fixes.q if frames is None else quaternion.multiply(
-            quaternion.conjugate(frames[1]), fixes.q
+        q = (
+            fixes.q
+            if frames is None
+            else quaternion.multiply(quaternion.conjugate(frames[1]), fixes.q)
         )
         start = self._start(float(stops[0]), inside, q, gyro)
         out: dict[str, Any] = self.core.run(
@@ -179,10 +184,16 @@ class AttitudeRun:
             rate = np.zeros(3)
             later = inside[self.fixes.t[inside] > begin]
             if len(later):
-                turn = quaternion.log(quaternion.multiply(quaternion.conjugate(q[first]), q[later[0]]))
+                turn = quaternion.log(
+                    quaternion.multiply(quaternion.conjugate(q[first]), q[later[0]])
+                )
                 rate = turn / (self.fixes.t[later[0]] - begin)
             head = np.concatenate(
-                [quaternion.multiply(q[first], quaternion.exp(-rate * (begin - t))), rate, np.zeros(3)]
+                [
+                    quaternion.multiply(q[first], quaternion.exp(-rate * (begin - t))),
+                    rate,
+                    np.zeros(3),
+                ]
             )
             sigma = np.repeat([WIDE, attitude.rate_sigma, attitude.acceleration_sigma], 3)
         if nav.lfe is not None:

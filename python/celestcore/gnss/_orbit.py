@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from celestcore import _core, quaternion
+from celestcore import quaternion
 from celestcore._check import FloatArray, warn
 from celestcore.errors import InputError
 from celestcore.frames._rotation import EARTH_RATE, itrs_to_gcrs
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 FIXES_OF_A_START = 8
 WIDE = (1e3, 10.0)
-"""1-sigma of position [m] and velocity [m/s] about a start that was found in the fixes themselves: so
-wide that they do not count twice."""
+"""1-sigma of position [m] and velocity [m/s] about a start that was found in the fixes themselves:
+so wide that they do not count twice."""
 ROWS, COLUMNS = (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)
 _EARTH_TURN = np.array([0.0, 0.0, EARTH_RATE])
 
@@ -77,7 +77,9 @@ def turned(noise: FloatArray, matrix: FloatArray) -> FloatArray:
     return np.ascontiguousarray(full[:, ROWS, COLUMNS])
 
 
-def attitude_at(t: FloatArray, star: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+def attitude_at(
+    t: FloatArray, star: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
     """Attitude and rate of the body at some times, straight between star fixes."""
     at, q = star
     if len(at) < 2:
@@ -93,9 +95,7 @@ def attitude_at(t: FloatArray, star: tuple[FloatArray, FloatArray]) -> tuple[Flo
     return quaternion.multiply(q[k], quaternion.exp(rate * (t - at[k])[:, None])), rate
 
 
-def fixes_of(
-    nav: GnssStarNavigator, table: GnssTable, epoch: str, star: Any, earth: Any
-) -> Fixes:
+def fixes_of(nav: GnssStarNavigator, table: GnssTable, epoch: str, star: Any, earth: Any) -> Fixes:
     """Return the log's GNSS table in the GCRS, of the centre of mass."""
     receiver = nav.gnss
     t = table.t - receiver.time_offset
@@ -131,8 +131,8 @@ def merged(
         parts.append((t[known], np.ones(len(known), bool), v[known], noise, known))
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     order = np.lexsort((columns[1], columns[0]))
-    ordered = [np.ascontiguousarray(column[order]) for column in columns]
-    return Fixes(*ordered, r=r, v=v, epochs=t)
+    at, velocity, value, noise, row = (np.ascontiguousarray(c[order]) for c in columns)
+    return Fixes(at, velocity, value, noise, row, r, v, t)
 
 
 def earth_matrices(earth: Any, t: FloatArray) -> FloatArray:
@@ -250,7 +250,14 @@ class OrbitRun:
         return _joined(parts, restarts)
 
     def _pass(
-        self, stops: FloatArray, wanted: Any, start: Any, rows: Any, o: dict[str, Any], *, back: bool
+        self,
+        stops: FloatArray,
+        wanted: Any,
+        start: Any,
+        rows: Any,
+        o: dict[str, Any],
+        *,
+        back: bool,
     ) -> dict[str, Any]:
         out: dict[str, Any] = self.core.run(
             (np.ascontiguousarray(stops), np.ascontiguousarray(wanted), None),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -58,7 +58,7 @@ def replaced(value: X, **changes: Any) -> X:
 def covariance_of(sigma0: Sigma0 | None) -> FloatArray:
     """Return the covariance of a start's position and velocity (6, 6)."""
     pair = START_SIGMA if sigma0 is None else sigma0
-    if np.ndim(pair) == 0 or len(pair) != 2:
+    if not isinstance(pair, Sequence | np.ndarray) or len(pair) != 2:
         raise InputError("needs (position [m], velocity [m/s])", field="sigma0", value=sigma0)
     sigma = np.concatenate([positive(part, "sigma0") for part in pair])
     return np.diag(sigma * sigma)
@@ -320,7 +320,12 @@ def _innovations(
 def _nothing() -> Innovations:
     empty = np.empty(0)
     return Innovations(
-        empty, empty.astype(str), empty.astype(int), empty, empty.astype(bool), *[np.empty((0, 3))] * 2
+        empty,
+        empty.astype(str),
+        empty.astype(int),
+        empty,
+        empty.astype(bool),
+        *[np.empty((0, 3))] * 2,
     )
 
 

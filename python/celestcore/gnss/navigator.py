@@ -141,7 +141,12 @@ class GnssStarNavigator:
         self.max_rejected = None if max_rejected is None else count(max_rejected, "max_rejected")
 
     def __repr__(self) -> str:
-        parts = [repr(self.filter), repr(self.dynamics), f"gnss={self.gnss!r}", f"star={self.star!r}"]
+        parts = [
+            repr(self.filter),
+            repr(self.dynamics),
+            f"gnss={self.gnss!r}",
+            f"star={self.star!r}",
+        ]
         for name in ("gyro", "lfe", "antennas"):
             if getattr(self, name) is not None:
                 parts.append(f"{name}={getattr(self, name)!r}")

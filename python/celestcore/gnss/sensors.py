@@ -177,7 +177,7 @@ class LowFrequencyError:
     @property
     def prior(self) -> FloatArray:
         """1-sigma of each vector's components before any fix [rad], shape (vectors,)."""
-        each = np.repeat(np.atleast_1d(self.amplitudes), 2) / np.sqrt(2.0)
+        each: FloatArray = np.repeat(np.atleast_1d(self.amplitudes), 2) / np.sqrt(2.0)
         if self.gauss_markov is None:
             return each
         return np.append(each, self.gauss_markov.sigma)
@@ -202,7 +202,9 @@ class LowFrequencyError:
         array([[1., 0.]])
         """
         phase = (2.0 * np.pi / period) * t
-        columns = [part((k + 1) * phase) for k in range(self.harmonics) for part in (np.cos, np.sin)]
+        columns = [
+            part((k + 1) * phase) for k in range(self.harmonics) for part in (np.cos, np.sin)
+        ]
         if self.gauss_markov is not None:
             columns.append(np.ones(len(t)))
         return np.ascontiguousarray(np.stack(columns, axis=1))

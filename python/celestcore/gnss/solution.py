@@ -174,7 +174,8 @@ class LfeReport:
             self.names, self.value * arcsec, self.sigma * arcsec, self.ratio, strict=True
         ):
             each = "  ".join(
-                f"{v:7.2f} +- {s:5.2f} ({r:4.2f})" for v, s, r in zip(value, sigma, ratio, strict=True)
+                f"{v:7.2f} +- {s:5.2f} ({r:4.2f})"
+                for v, s, r in zip(value, sigma, ratio, strict=True)
             )
             lines.append(f"  {name:<13} {each}")
         lines.append(
