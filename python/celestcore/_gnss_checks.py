@@ -10,11 +10,10 @@ import numpy as np
 
 from celestcore._check import FloatArray, IntArray
 from celestcore._table import typical_size
+from celestcore.elements import MU
 from celestcore.errors import InputError
+from celestcore.frames._rotation import EARTH_RATE
 
-EARTH_RATE = 7.292115146706979e-5
-"""Rate of the Earth's rotation [rad/s], IERS Conventions (2010)."""
-MU = 3.986004415e14
 INSIDE = 6.3e6
 """Geocentric radius [m] below which nothing can be: the poles are at 6.357e6."""
 PLACES = 500
