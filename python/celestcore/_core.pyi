@@ -285,7 +285,7 @@ class OrbitStream:
 class GnssOrbit:
     def __new__(
         cls,
-        filter: str,
+        filter: str,  # noqa: A002 - the field's word
         weights: tuple[float, float, float | None],
         forces: Mapping[str, Any],
         tables: Mapping[str, Any] | None,

@@ -226,7 +226,7 @@ class Campaign(Mapping[str, S], Generic[S]):
         return len(self._scores)
 
     def __repr__(self) -> str:
-        return f"MonteCarlo({self.trials} trials of {', '.join(self)}, seed {self.seed})"
+        return f"{type(self).__name__}({self.trials} trials of {', '.join(self)}, seed {self.seed})"
 
 
 class MonteCarlo(Campaign[Scores]):

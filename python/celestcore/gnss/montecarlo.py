@@ -22,8 +22,8 @@ from celestcore._campaign import (
 from celestcore.errors import CelestcoreError, InputError
 from celestcore.frames import gcrs_to_itrs
 from celestcore.gnss._scores import (
-    THREE,
     COLUMNS,
+    THREE,
     GnssStarMonteCarlo,
     GnssStarPooled,
     GnssStarScores,
