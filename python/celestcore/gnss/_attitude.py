@@ -37,7 +37,7 @@ class AttitudeFixes:
 
     def stars(self) -> tuple[FloatArray, FloatArray]:
         """Return times and attitudes of the star fixes alone."""
-        star = np.array([name.startswith("star") for name in self.names])[self.sensor]
+        star = np.array([name.startswith("star") for name in self.names], bool)[self.sensor]
         return self.t[star], quaternion.continuous(self.q[star]) if star.any() else self.q[star]
 
 
