@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from celestcore import quaternion
-from celestcore._check import BoolArray, FloatArray
+from celestcore._check import BoolArray, FloatArray, IntArray
 
 FIRST = 8
 """How many fixes are looked at."""
@@ -45,28 +45,34 @@ def agreeing(
     n, order = len(t), degree + 1
     if n < order + 2:
         return np.ones(n, bool)
-    middle = q[n // 2]
-    turns = quaternion.log(quaternion.multiply(quaternion.conjugate(middle), q))
-    scaled = (t - t[0]) / max(float(t[-1] - t[0]), 1e-9)
-    best, chosen = -np.inf, np.ones(n, bool)
-    for some in map(list, combinations(range(n), order)):
-        nodes = scaled[some]
-        apart = nodes[:, None] - nodes + np.eye(order)
-        if np.abs(apart).min() < 1e-9:
-            continue
-        weights = np.array(
-            [
-                np.prod((scaled[:, None] - np.delete(nodes, j)) / np.delete(apart[j], j), axis=1)
-                for j in range(order)
-            ]
-        ).T
-        away = np.abs(t[:, None] - t[some]).max(axis=1)
-        variance = sigma**2 + weights**2 @ sigma[some] ** 2 + jerk_psd * away**5 / 20.0
-        chi2 = ((turns - weights @ turns[some]) ** 2).sum(axis=1) / variance
-        good = chi2 < LIMIT
-        likely = np.where(good, chi2 + 3.0 * np.log(variance / sigma**2), LIMIT)
-        score = -float(np.minimum(likely, LIMIT).sum())
-        if score > best:
-            best, chosen = score, good
+    turns = quaternion.log(quaternion.multiply(quaternion.conjugate(q[n // 2]), q))
+    some = np.array(list(combinations(range(n), order)))
+    weights, apart = _lagrange((t - t[0]) / max(float(t[-1] - t[0]), 1e-9), some)
+    some, weights = some[apart], weights[apart]
+    if not len(some):
+        return np.ones(n, bool)
+    away = np.abs(t[:, None] - t[some][:, None, :]).max(axis=2)
+    spread = np.einsum("cnj,cj->cn", weights**2, sigma[some] ** 2)
+    variance = sigma**2 + spread + jerk_psd * away**5 / 20.0
+    chi2 = ((turns - weights @ turns[some]) ** 2).sum(axis=2) / variance
+    good = chi2 < LIMIT
+    likely = np.where(good, chi2 + 3.0 * np.log(variance / sigma**2), LIMIT)
+    chosen = good[np.argmin(np.minimum(likely, LIMIT).sum(axis=1))]
     count = int(chosen.sum())
     return chosen if 2 * count > n and count > order else np.ones(n, bool)
+
+
+def _lagrange(t: FloatArray, some: IntArray) -> tuple[FloatArray, BoolArray]:
+    """Return weights (c, n, k) of k nodes at all times, and which sets have nodes apart (c,)."""
+    nodes = t[some]
+    order = nodes.shape[1]
+    weights = np.ones((len(some), len(t), order))
+    apart = np.ones(len(some), bool)
+    for j in range(order):
+        for k in range(order):
+            if k != j:
+                between = nodes[:, j] - nodes[:, k]
+                apart &= np.abs(between) > 1e-9
+                safe = np.where(between == 0.0, 1.0, between)
+                weights[:, :, j] *= (t - nodes[:, k : k + 1]) / safe[:, None]
+    return weights, apart
