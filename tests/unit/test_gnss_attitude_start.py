@@ -51,3 +51,20 @@ def test_without_a_majority_all_are_kept() -> None:
     q = quaternion.exp(0.1 * rng.standard_normal((8, 3)))
     assert agreeing(t, q, np.full(8, SIGMA), 1e-16, 2).all()
     assert agreeing(t[:3], q[:3], np.full(3, SIGMA), 1e-16, 2).all()
+
+
+def test_an_orbit_that_is_still_being_found_does_not_turn_the_body() -> None:
+    """Coarse positions alone: at first the orbital frame turns to and fro by minutes of arc."""
+    scenario = cc.gnss.GnssStarScenario(
+        force=J2, lfe=(), gnss_sigma=10.0, gnss_velocity=False, duration=600.0
+    )
+    nav = cc.GnssStarNavigator(
+        dynamics=J2, gnss=cc.GnssReceiver(10.0, None), star=cc.StarCamera(SIGMA)
+    )
+    for k in range(25):
+        made = scenario.trial(9, k)
+        found = nav.run(made.log)
+        assert found.counts["star_rejected"] <= 2, k
+        assert found.q is not None
+        error = quaternion.log(quaternion.multiply(quaternion.conjugate(found.q), made.q_ib))
+        assert np.abs(error[30:]).max() < 5.0 * SIGMA

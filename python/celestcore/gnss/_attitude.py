@@ -122,6 +122,11 @@ class AttitudeRun:
     def __init__(self, nav: GnssStarNavigator, fixes: AttitudeFixes, period: float) -> None:
         self.nav, self.fixes, self.period = nav, fixes, period
         self.core = nav._attitude_core()
+        self.noise = fixes.noise
+
+    def blur(self, variance: FloatArray) -> None:
+        """Add the variance of the frame that the fixes are taken to, alike about all axes (n,)."""
+        self.noise = self.noise + variance[:, None] * np.equal(ROWS, COLUMNS)
 
     @property
     def weights(self) -> FloatArray:
@@ -169,7 +174,7 @@ class AttitudeRun:
             (
                 np.ascontiguousarray(fixes.t[inside]),
                 np.ascontiguousarray(q[inside]),
-                np.ascontiguousarray(fixes.noise[inside]),
+                np.ascontiguousarray(self.noise[inside]),
                 np.ascontiguousarray(self.weights[inside]),
             ),
             start,
@@ -190,7 +195,7 @@ class AttitudeRun:
         t, turned = self.fixes.t[first], q[first]
         if gyro is not None:
             turned = quaternion.multiply(turned, quaternion.conjugate(_turns(stops, gyro, t)))
-        sigma = np.sqrt(self.fixes.noise[first][:, np.equal(ROWS, COLUMNS)].max(axis=1))
+        sigma = np.sqrt(self.noise[first][:, np.equal(ROWS, COLUMNS)].max(axis=1))
         jerk, degree = (self.nav.attitude.jerk_psd, 2) if gyro is None else (0.0, 1)
         good = agreeing(t, turned, sigma, jerk, degree)
         return np.concatenate([first[good], inside[FIRST:]])
