@@ -23,7 +23,17 @@ Examples
 True
 """
 
-from celestcore import analysis, celestial, elements, frames, orbit, quaternion, simulate, wahba
+from celestcore import (
+    analysis,
+    celestial,
+    elements,
+    frames,
+    gnss,
+    orbit,
+    quaternion,
+    simulate,
+    wahba,
+)
 from celestcore._core import __version__
 from celestcore.calibration import Calibration
 from celestcore.camera import CameraModel, StarCatalogue
@@ -54,6 +64,7 @@ from celestcore.filters import (
     LiteralUKF,
     ScoreEKF,
 )
+from celestcore.gnss import GnssReceiver, GnssStarNavigator, GnssStarSolution, LowFrequencyError
 from celestcore.io import read_log, write_log
 from celestcore.log import SensorLog
 from celestcore.montecarlo import MonteCarlo, monte_carlo
@@ -75,12 +86,16 @@ __all__ = [
     "CelestcoreWarning",
     "CelestialLog",
     "CelestialNavigator",
+    "GnssReceiver",
+    "GnssStarNavigator",
+    "GnssStarSolution",
     "Gyro",
     "InputError",
     "InvariantEKF",
     "IteratedEKF",
     "LiteralUKF",
     "LogFormatError",
+    "LowFrequencyError",
     "MissingDependencyError",
     "MonteCarlo",
     "NumericalError",
@@ -102,6 +117,7 @@ __all__ = [
     "celestial",
     "elements",
     "frames",
+    "gnss",
     "monte_carlo",
     "orbit",
     "quaternion",

@@ -280,3 +280,56 @@ class OrbitStream:
     def predict(self, t: float) -> None: ...
     def update_horizon(self, star: _Array, angle: _Array) -> Update: ...
     def update_refraction(self, star: _Array, angle: _Array) -> Update: ...
+
+@final
+class GnssOrbit:
+    def __new__(
+        cls,
+        filter: str,  # noqa: A002 - the field's word
+        weights: tuple[float, float, float | None],
+        forces: Mapping[str, Any],
+        tables: Mapping[str, Any] | None,
+        accel_psd: float,
+        max_step: float,
+        bias: tuple[float, float] | None,
+    ) -> Self: ...
+    def run(
+        self,
+        stop: tuple[_Array, NDArray[np.bool_], _Array | None],
+        fixes: tuple[_Array, NDArray[np.bool_], _Array, _Array],
+        start: tuple[float, _Array, _Array],
+        gate: float,
+        back: bool,
+        covariance: bool,
+        portable: bool,
+        progress: Callable[[int, int], object] | None,
+    ) -> dict[str, Any]: ...
+
+@final
+class GnssAttitude:
+    def __new__(
+        cls,
+        jerk_psd: float | None,
+        gyro: tuple[float, float, bool] | None,
+        tail: Sequence[tuple[float, float]],
+    ) -> Self: ...
+    def run(
+        self,
+        stop: tuple[_Array, NDArray[np.bool_], _Array | None],
+        fixes: tuple[_Array, _Array, _Array, _Array],
+        start: tuple[float, _Array, _Array],
+        gate: float,
+        back: bool,
+        covariance: bool,
+        portable: bool,
+        progress: Callable[[int, int], object] | None,
+    ) -> dict[str, Any]: ...
+
+def gnss_axis(
+    jerk_psd: float,
+    stop: tuple[_Array, NDArray[np.bool_], _Array | None],
+    fixes: tuple[_Array, NDArray[np.bool_], _Array, _Array],
+    start: tuple[float, Sequence[float], Sequence[Sequence[float]]],
+    wraps: bool,
+    back: bool,
+) -> dict[str, Any]: ...

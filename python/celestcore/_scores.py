@@ -186,7 +186,7 @@ def pool(
         values[name], errors[name] = _plain(root), _plain(spread)
     for name in means:
         mean, error = _mean(getattr(scores, name)[good])
-        values[name], errors[name] = float(mean), float(error)
+        values[name], errors[name] = _plain(mean), _plain(error)
     return values, errors
 
 
@@ -226,7 +226,7 @@ class Campaign(Mapping[str, S], Generic[S]):
         return len(self._scores)
 
     def __repr__(self) -> str:
-        return f"MonteCarlo({self.trials} trials of {', '.join(self)}, seed {self.seed})"
+        return f"{type(self).__name__}({self.trials} trials of {', '.join(self)}, seed {self.seed})"
 
 
 class MonteCarlo(Campaign[Scores]):

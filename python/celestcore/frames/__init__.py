@@ -23,6 +23,8 @@ from celestcore.frames._bodies import (
     moon,
     sun,
 )
+from celestcore.frames._euler import Euler321, euler_321, from_euler_321
+from celestcore.frames._nadir import nadir, orbital_geodetic
 from celestcore.frames._orbit import (
     Eclipse,
     GroundTrack,
@@ -31,7 +33,6 @@ from celestcore.frames._orbit import (
     from_geodetic,
     geodetic,
     ground_track,
-    nadir,
     orbital,
 )
 from celestcore.frames._rotation import gcrs_to_itrs, itrs_to_gcrs, to_gcrs, to_itrs
@@ -39,12 +40,15 @@ from celestcore.frames._time import julian_date
 
 __all__ = [
     "Eclipse",
+    "Euler321",
     "GroundTrack",
     "aberrate",
     "earth_position",
     "earth_velocity",
     "eclipse",
     "environment",
+    "euler_321",
+    "from_euler_321",
     "from_geodetic",
     "gcrs_to_itrs",
     "geodetic",
@@ -54,6 +58,7 @@ __all__ = [
     "moon",
     "nadir",
     "orbital",
+    "orbital_geodetic",
     "sun",
     "to_gcrs",
     "to_itrs",

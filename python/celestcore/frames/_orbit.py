@@ -1,4 +1,4 @@
-"""Frames and events along an orbit: orbital frame, eclipse, ground track, nadir; aberration."""
+"""Frames and events along an orbit: orbital frame, eclipse, ground track; aberration."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from celestcore._check import BoolArray, FloatArray, array, number
 from celestcore.errors import InputError
-from celestcore.frames._rotation import gcrs_to_itrs, to_itrs
+from celestcore.frames._rotation import to_itrs
 from celestcore.quaternion import continuous, from_matrix
 
 WGS84_RADIUS = 6378137.0
@@ -316,49 +316,6 @@ def ground_track(
     """
     r_e, _ = to_itrs(epoch, t, r, orientation=orientation, method=method)
     return geodetic(r_e)
-
-
-def nadir(
-    epoch: Any,
-    t: ArrayLike,
-    r: ArrayLike,
-    *,
-    orientation: str = "iers",
-    method: str | None = None,
-) -> FloatArray:
-    """Directions to the geodetic nadir: down the normal of the WGS84 ellipsoid.
-
-    It differs from the direction to the Earth's centre by up to 0.19 degrees.
-
-    Parameters
-    ----------
-    epoch, t, orientation, method
-        As in `gcrs_to_itrs`.
-    r : array_like (..., 3)
-        Positions in GCRS [m], one to each time.
-
-    Returns
-    -------
-    ndarray (..., 3)
-        Unit vectors in GCRS.
-
-    Raises
-    ------
-    InputError
-        If a position or the epoch cannot be used.
-
-    Examples
-    --------
-    >>> down = nadir("2026-01-01", [0.0], [[0.0, 0.0, 7e6]])
-    >>> down.shape
-    (1, 3)
-    """
-    matrix = gcrs_to_itrs(epoch, t, orientation=orientation, method=method)
-    position = array(r, "r", (*matrix.shape[:-2], 3))
-    place = geodetic((matrix @ position[..., None])[..., 0])
-    cos_lat, lon = np.cos(place.latitude), place.longitude
-    up = np.stack([cos_lat * np.cos(lon), cos_lat * np.sin(lon), np.sin(place.latitude)], axis=-1)
-    return np.asarray(-(np.swapaxes(matrix, -1, -2) @ up[..., None])[..., 0])
 
 
 def aberrate(directions: ArrayLike, velocity: ArrayLike) -> FloatArray:

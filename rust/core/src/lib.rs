@@ -8,12 +8,14 @@
 //! puts a whole system together.
 
 pub mod attitude;
+pub mod augmented;
 pub mod belief;
 pub mod celestial;
 pub mod cloud;
 pub mod consistency;
 pub mod error;
 pub mod filter;
+pub mod gnss;
 pub mod horizon;
 pub mod linalg;
 pub mod manifold;

@@ -9,6 +9,7 @@ mod celestial_campaign;
 mod columns;
 mod convert;
 mod errors;
+mod gnss;
 mod listener;
 mod many;
 mod orbit;
@@ -50,6 +51,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     campaign::register(m)?;
     orbit::register(m)?;
     celestial::register(m)?;
+    gnss::register(m)?;
     celestial_campaign::register(m)?;
     stream::register(m)
 }

@@ -1,0 +1,335 @@
+"""The orbit of a GNSS and star navigator: fixes for the core, a start, restarts, the answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from celestcore import quaternion
+from celestcore._check import FloatArray, warn
+from celestcore.errors import InputError
+from celestcore.frames._rotation import EARTH_RATE, itrs_to_gcrs
+from celestcore.gnss.start import orbit_start
+from celestcore.orbit.propagate import propagate
+
+if TYPE_CHECKING:
+    from celestcore.gnss.navigator import GnssStarNavigator
+    from celestcore.log import GnssTable
+
+FIXES_OF_A_START = 8
+WIDE = (1e3, 10.0)
+"""1-sigma of position [m] and velocity [m/s] about a start that was found in the fixes themselves:
+so wide that they do not count twice."""
+ROWS, COLUMNS = (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)
+_EARTH_TURN = np.array([0.0, 0.0, EARTH_RATE])
+
+
+@dataclass
+class Fixes:
+    """Positions and velocities in the GCRS, one row each, in order of time."""
+
+    t: FloatArray
+    velocity: Any
+    value: FloatArray
+    noise: FloatArray
+    row: Any
+    """Rows of the log's table."""
+    r: FloatArray
+    """Positions alone, as the start takes them, and their times."""
+    v: FloatArray | None
+    epochs: FloatArray
+
+    def columns(self, used: Any) -> tuple[Any, ...]:
+        """Return what the core takes of some rows."""
+        parts = (self.t, self.velocity, self.value, self.noise)
+        return tuple(np.ascontiguousarray(part[used]) for part in parts)
+
+
+@dataclass
+class OrbitPass:
+    """An orbit at the stops of a run."""
+
+    t: FloatArray
+    state: FloatArray
+    sigma: FloatArray
+    covariance: FloatArray | None
+    measured: dict[str, Any]
+    final: dict[str, Any]
+    restarts: list[float] = field(default_factory=list)
+    outside: int = 0
+    log_likelihood: float = 0.0
+    elapsed_s: float = 0.0
+
+    @property
+    def r(self) -> FloatArray:
+        return np.ascontiguousarray(self.state[:, :3])
+
+    @property
+    def v(self) -> FloatArray:
+        return np.ascontiguousarray(self.state[:, 3:6])
+
+
+def turned(noise: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Variances along the axes of one frame as packed covariances in another, (n, 6)."""
+    full = np.einsum("nij,j,nkj->nik", matrix, noise, matrix)
+    return np.ascontiguousarray(full[:, ROWS, COLUMNS])
+
+
+def attitude_at(
+    t: FloatArray, star: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Attitude and rate of the body at some times, straight between star fixes."""
+    at, q = star
+    if len(at) < 2:
+        raise InputError(
+            "needs star fixes that tell the attitude, two at least; or give lever_arm=(0, 0, 0)",
+            field="gnss.lever_arm",
+        )
+    k = np.clip(np.searchsorted(at, t) - 1, 0, len(at) - 2)
+    turn = quaternion.log(quaternion.multiply(quaternion.conjugate(q[k]), q[k + 1]))
+    dt = at[k + 1] - at[k]
+    rate = turn / dt[:, None]
+    # beyond the fixes the body is taken to turn on as between the nearest two
+    return quaternion.multiply(q[k], quaternion.exp(rate * (t - at[k])[:, None])), rate
+
+
+def fixes_of(nav: GnssStarNavigator, table: GnssTable, epoch: str, star: Any, earth: Any) -> Fixes:
+    """Return the log's GNSS table in the GCRS, of the centre of mass."""
+    receiver = nav.gnss
+    t = table.t - receiver.time_offset
+    if earth is None:
+        r_ie = itrs_to_gcrs(epoch, t)
+    else:
+        r_ie = np.swapaxes(earth_matrices(earth, t), -1, -2)
+    r = (r_ie @ table.r[:, :, None])[:, :, 0]
+    v = None
+    if table.v is not None and receiver.sigma_velocity is not None:
+        absolute = table.v + np.cross(_EARTH_TURN, table.r)
+        v = (r_ie @ absolute[:, :, None])[:, :, 0]
+    arm = np.asarray(receiver.lever_arm, dtype=np.float64)
+    if arm.any():
+        q, rate = attitude_at(t, star)
+        r = r - quaternion.rotate(q, np.broadcast_to(arm, r.shape))
+        if v is not None:
+            v = v - quaternion.rotate(q, np.cross(rate, arm))
+    return merged(nav, t, r, v, r_ie)
+
+
+def merged(
+    nav: GnssStarNavigator, t: FloatArray, r: FloatArray, v: FloatArray | None, r_ie: FloatArray
+) -> Fixes:
+    """Positions and velocities as rows in order of time."""
+    receiver, n = nav.gnss, len(t)
+    variance = np.square(np.asarray(receiver.sigma, dtype=np.float64))
+    parts = [(t, np.zeros(n, bool), r, turned(variance, r_ie), np.arange(n))]
+    if v is not None:
+        known = np.flatnonzero(np.isfinite(v).all(axis=1))
+        variance = np.square(np.asarray(receiver.sigma_velocity, dtype=np.float64))
+        noise = turned(variance, r_ie[known])
+        parts.append((t[known], np.ones(len(known), bool), v[known], noise, known))
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    order = np.lexsort((columns[1], columns[0]))
+    at, velocity, value, noise, row = (np.ascontiguousarray(c[order]) for c in columns)
+    return Fixes(at, velocity, value, noise, row, r, v, t)
+
+
+def earth_matrices(earth: Any, t: FloatArray) -> FloatArray:
+    """Return the user's matrices from the GCRS to the Earth-fixed frame, checked."""
+    given = np.asarray(earth(t) if callable(earth) else earth, dtype=np.float64)
+    if given.shape != (len(t), 3, 3):
+        raise InputError(
+            f"has shape {given.shape}; one matrix for each GNSS fix is needed, {(len(t), 3, 3)}",
+            field="earth_rotation",
+        )
+    off = np.abs(given @ np.swapaxes(given, -1, -2) - np.eye(3)).max(axis=(1, 2))
+    bad = ~((off < 1e-9) & (np.linalg.det(given) > 0.0))
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(
+            "is no rotation matrix: its rows must be unit vectors, across each other and "
+            "right-handed (determinant +1)",
+            field="earth_rotation",
+            row=row,
+            value=given[row],
+        )
+    return given
+
+
+class OrbitRun:
+    """Runs of the orbit filter over one log."""
+
+    def __init__(
+        self, nav: GnssStarNavigator, fixes: Fixes, epoch: str, tables: dict[str, Any] | None
+    ) -> None:
+        self.nav, self.fixes, self.epoch, self.tables = nav, fixes, epoch, tables
+        self.core = nav._orbit_core(tables)
+        self.used = np.ones(len(fixes.t), bool)
+
+    def begin(self, after: float, t: float) -> tuple[float, FloatArray, FloatArray]:
+        """Find a start in the fixes from `after` on, and carry it to time `t`."""
+        first = int(np.searchsorted(self.fixes.epochs, after))
+        some = slice(first, first + FIXES_OF_A_START)
+        receiver, v = self.nav.gnss, self.fixes.v
+        velocity_sigma = receiver.sigma_velocity
+        found = orbit_start(
+            self.fixes.epochs[some],
+            self.fixes.r[some],
+            None if v is None else v[some],
+            sigma=float(np.max(np.asarray(receiver.sigma))),
+            sigma_velocity=None if velocity_sigma is None else float(np.max(velocity_sigma)),
+        )
+        bad = np.flatnonzero(~found.good) + first
+        if len(bad):
+            self.used &= ~np.isin(self.fixes.row, bad)
+        state = np.concatenate([found.r, found.v])
+        if t != found.t:
+            moved = propagate(
+                self.nav.dynamics.force,
+                self.epoch,
+                found.r,
+                found.v,
+                [found.t, t],
+                method="rk4",
+                environment=self.tables,
+            )
+            state = np.concatenate([moved.r[-1], moved.v[-1]])
+        return self.start(t, state, np.repeat(np.square(WIDE), 3) * np.eye(6))
+
+    def start(
+        self, t: float, state: FloatArray, covariance: FloatArray
+    ) -> tuple[float, FloatArray, FloatArray]:
+        """Return a start as the core takes it: with the receiver's bias, if it is estimated."""
+        bias = self.nav.gnss.bias
+        if bias is None:
+            return t, np.ascontiguousarray(state), np.ascontiguousarray(covariance)
+        full = np.zeros((9, 9))
+        full[:6, :6] = covariance
+        full[6:, 6:] = bias.sigma**2 * np.eye(3)
+        return t, np.append(state, np.zeros(3)), full
+
+    def run(
+        self,
+        stops: FloatArray,
+        wanted: Any,
+        start: tuple[float, FloatArray, FloatArray],
+        o: dict[str, Any],
+        back: bool,
+    ) -> OrbitPass:
+        """Run over the stops; where every fix is refused many times running, start again."""
+        parts: list[OrbitPass] = []
+        restarts: list[float] = []
+        begin = 0
+        while True:
+            chosen = self.used & (self.fixes.t >= start[0])
+            rows = np.flatnonzero(chosen)
+            out = self._pass(stops[begin:], wanted[begin:], start, rows, o, back=False)
+            lost = self._diverged(out, rows)
+            end = begin if lost is None else begin + int(np.searchsorted(stops[begin:], lost))
+            # a start of which nothing after it is believed would be found again: no use
+            if lost is None or end == begin:
+                if back:
+                    out = self._pass(stops[begin:], wanted[begin:], start, rows, o, back=True)
+                parts.append(_part(out, rows))
+                break
+            before = rows[self.fixes.t[rows] < lost]
+            head = slice(begin, end)
+            out = self._pass(stops[head], wanted[head], start, before, o, back=back)
+            parts.append(_part(out, before))
+            start = self.begin(lost, float(stops[end]))
+            restarts.append(float(stops[end]))
+            begin = end
+        if restarts:
+            warn(
+                f"the orbit filter refused {self.nav.max_rejected} fixes running and started again "
+                f"at t = {', '.join(f'{t:.6g}' for t in restarts[:5])} s"
+                + (" ..." if len(restarts) > 5 else "")
+                + ": a manoeuvre, a jump of the receiver, or dynamics that are too confident"
+            )
+        return _joined(parts, restarts)
+
+    def _pass(
+        self,
+        stops: FloatArray,
+        wanted: Any,
+        start: Any,
+        rows: Any,
+        o: dict[str, Any],
+        *,
+        back: bool,
+    ) -> dict[str, Any]:
+        out: dict[str, Any] = self.core.run(
+            (np.ascontiguousarray(stops), np.ascontiguousarray(wanted), None),
+            self.fixes.columns(rows),
+            start,
+            self.nav.gate,
+            back,
+            o["covariance"],
+            o["portable"],
+            o["progress"],
+        )
+        return out
+
+    def _diverged(self, out: dict[str, Any], rows: Any) -> float | None:
+        """Return the time of the first of too many positions that were refused running."""
+        most = self.nav.max_rejected
+        if most is None or self.nav.gate == 1.0:
+            return None
+        index = rows[out["row"]]
+        positions = ~self.fixes.velocity[index]
+        refused = ~out["accepted"][positions]
+        if len(refused) < most:
+            return None
+        run = np.convolve(refused, np.ones(most, int), "valid") == most
+        if not run.any():
+            return None
+        t = float(self.fixes.t[index][positions][int(np.argmax(run))])
+        # fewer fixes than a start takes are left: nothing to start again from
+        return t if np.count_nonzero(self.fixes.epochs >= t) >= 3 else None
+
+
+def _part(out: dict[str, Any], rows: Any) -> OrbitPass:
+    measured = {
+        "row": rows[out["row"]],
+        **{name: out[name] for name in ("nis", "accepted", "innovation", "innovation_sigma")},
+    }
+    size = int(np.sqrt(len(out["final_covariance"])))
+    covariance = out.get("covariance")
+    return OrbitPass(
+        t=out["t"],
+        state=out["state"],
+        sigma=out["sigma"],
+        covariance=None if covariance is None else covariance.reshape(-1, size, size),
+        measured=measured,
+        final={
+            "t": out["final_t"],
+            "state": out["final_state"],
+            "covariance": out["final_covariance"].reshape(size, size),
+        },
+        outside=out["outside"],
+        log_likelihood=out["log_likelihood"],
+        elapsed_s=out["elapsed_s"],
+    )
+
+
+def _joined(parts: list[OrbitPass], restarts: list[float]) -> OrbitPass:
+    """Return one pass of several that follow each other."""
+    if len(parts) == 1:
+        parts[0].restarts = restarts
+        return parts[0]
+    covariances = [p.covariance for p in parts if p.covariance is not None]
+    return OrbitPass(
+        t=np.concatenate([p.t for p in parts]),
+        state=np.concatenate([p.state for p in parts]),
+        sigma=np.concatenate([p.sigma for p in parts]),
+        covariance=np.concatenate(covariances) if covariances else None,
+        measured={
+            name: np.concatenate([p.measured[name] for p in parts]) for name in parts[0].measured
+        },
+        final=parts[-1].final,
+        restarts=restarts,
+        outside=sum(p.outside for p in parts),
+        log_likelihood=sum(p.log_likelihood for p in parts),
+        elapsed_s=sum(p.elapsed_s for p in parts),
+    )
