@@ -45,8 +45,8 @@ def made():
         (lambda: cc.GnssStarNavigator(dynamics=4), "OrbitDynamics"),
         (lambda: cc.GnssStarNavigator(gate=1.5), "is a probability"),
         (lambda: cc.GnssStarNavigator(max_rejected=0), "max_rejected"),
-        (lambda: Antennas([[1.0, 0.0, 0.0]]), "body x|two"),
-        (lambda: Antennas([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), "x"),
+        (lambda: Antennas([[1.0, 0.0, 0.0]]), "body axis x unobservable"),
+        (lambda: Antennas([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), "axis x"),
     ],
 )
 def test_descriptions_are_checked(make, words):
@@ -80,7 +80,7 @@ def test_improper_rotations_are_named(made):
     earth = cc.frames.gcrs_to_itrs(made.log.epoch, made.log.gnss.t)
     mirrored = earth.copy()
     mirrored[5] *= -1.0
-    with pytest.raises(cc.InputError, match=r"earth_rotation row 5.*determinant"):
+    with pytest.raises(cc.InputError, match=r"earth_rotation, row 5,.*determinant"):
         NAV.run(made.log, earth_rotation=mirrored)
     with pytest.raises(cc.InputError, match="one matrix for each GNSS fix"):
         NAV.run(made.log, earth_rotation=earth[:3])
@@ -152,7 +152,6 @@ def test_a_wrong_dynamics_is_said(made):
     """Every fix refused: the run says what is probably wrong."""
     nav = cc.GnssStarNavigator(
         dynamics=OrbitDynamics(ForceModel.two_body(), 1e-16),
-        gnss=GnssReceiver(0.001, 1e-6),
         max_rejected=None,
     )
     long = GnssStarScenario(force=ForceModel.j2(), duration=900.0, lfe=()).trial(seed=2, trial=0)

@@ -219,34 +219,51 @@ def test_an_outage_is_bridged(trial):
 
 
 def test_a_manoeuvre_makes_the_filter_start_again(trial):
-    jump = trial.log.gnss.t > 600.0
-    r, v = trial.log.gnss.r.copy(), trial.log.gnss.v.copy()
-    r[jump] += np.outer(trial.log.gnss.t[jump] - 600.0, [2.0, -1.0, 1.0])
-    v[jump] += [2.0, -1.0, 1.0]
+    # 2.4 m/s at t = 600 s, and on from there
+    table = trial.log.gnss
+    late = table.t >= 600.0
+    at = int(np.searchsorted(trial.t, 600.0))
+    kicked = cc.orbit.propagate(
+        J2, None, trial.r_i[at], trial.v_i[at] + [2.0, -1.0, 1.0], table.t[late]
+    )
+    r_e, v_e = cc.frames.to_itrs(trial.log.epoch, table.t[late], kicked.r, kicked.v)
+    r, v = table.r.copy(), table.v.copy()
+    r[late] += r_e - trial.r_e[np.searchsorted(trial.t, table.t[late])]
+    v[late] += v_e - trial.v_e[np.searchsorted(trial.t, table.t[late])]
     log = shifted(trial.log, gnss=gnss_of(trial.log, r, v))
     with pytest.warns(cc.CelestcoreWarning, match="refused 10 fixes running and started again"):
         sol = NAV.run(log)
     assert len(sol.restarts) == 1
     assert 600.0 < sol.restarts[0] < 640.0
     assert sol.t.tolist() == trial.t.tolist()
-    r_i, _ = cc.frames.to_gcrs(log.epoch, log.gnss.t, log.gnss.r)
-    assert np.linalg.norm(sol.r - r_i, axis=1)[-20:].max() < 5.0
+    off = np.linalg.norm(sol.r[late] - kicked.r, axis=1)
+    assert off[-20:].max() < 1.5
     with pytest.warns(cc.CelestcoreWarning):
         back = NAV.smooth(log)
     assert back.restarts == sol.restarts
     assert len(back) == len(sol)
 
 
-def test_fixes_that_never_agree_with_the_dynamics_end(trial):
-    """A start that is refused at once is not tried for ever."""
-    still = cc.GnssStarNavigator(
-        dynamics=OrbitDynamics(ForceModel.two_body(), 1e-16),
-        gnss=GnssReceiver(0.01, 1e-5),
-        max_rejected=3,
-    )
-    with pytest.warns(cc.CelestcoreWarning):
-        sol = still.run(trial.log)
+def test_a_filter_that_is_lost_again_and_again_ends(trial):
+    """Far too confident dynamics: many starts, every row written, and no end of none."""
+    nav = cc.GnssStarNavigator(dynamics=OrbitDynamics(ForceModel.two_body(), 1e-16), max_rejected=3)
+    with pytest.warns(cc.CelestcoreWarning) as said:
+        sol = nav.run(trial.log)
+    assert any("started again" in str(w.message) for w in said)
+    assert sol.t.tolist() == trial.t.tolist()
+    assert len(sol.restarts) > 2
+
+
+def test_a_jump_that_no_orbit_fits_is_said(trial):
+    rng = np.random.default_rng(5)
+    r = trial.log.gnss.r.copy()
+    r[60:] += 1e3 * rng.normal(size=r[60:].shape)
+    log = shifted(trial.log, gnss=(trial.log.gnss.t, r))
+    with pytest.warns(cc.CelestcoreWarning) as said:
+        sol = NAV.run(log)
+    assert any("no orbit fits them" in str(w.message) for w in said)
     assert len(sol) == len(trial.t)
+    assert not sol.restarts
 
 
 def test_the_receivers_bias_is_estimated():
@@ -304,7 +321,7 @@ def test_pitch_goes_through_90_degrees():
     angles = np.stack([e.yaw, e.pitch, e.roll], axis=1)
     filtered = cc.gnss.euler_filter(made.t, angles, 20 * cc.ARCSEC, 1e-16)
     q = cc.frames.from_euler_321(*filtered.value.T)
-    assert angle(q, made.q_ob).max() > 10.0 * cc.DEG
+    assert angle(q, made.q_ob).max() > 100.0 * rms
 
 
 def test_harmonics_are_seen_as_far_as_they_can_be():
@@ -374,7 +391,7 @@ def test_matrices_of_the_user(trial):
     by_call = NAV.run(
         trial.log, earth_rotation=lambda t: cc.frames.gcrs_to_itrs(trial.log.epoch, t)
     )
-    np.testing.assert_array_equal(by_array.r, NAV.run(trial.log).r)
+    np.testing.assert_allclose(by_array.r, NAV.run(trial.log).r, atol=1e-4)
     np.testing.assert_array_equal(by_array.r, by_call.r)
 
 
@@ -410,7 +427,7 @@ def test_ccsds_messages_come_back(trial, tmp_path):
     np.testing.assert_allclose(orbit.r, sol.r, atol=1e-5)
     np.testing.assert_allclose(orbit.v, sol.v, atol=1e-8)
     attitude = cc.ccsds.read_aem(tmp_path / "attitude.aem")
-    assert angle(attitude.q_ib, sol.q).max() < 1e-8
+    assert angle(attitude.q, sol.q).max() < 1e-8
 
 
 def test_monte_carlo_is_the_same_for_any_number_of_threads():
