@@ -25,6 +25,7 @@ True
 
 from celestcore import (
     analysis,
+    ccsds,
     celestial,
     elements,
     frames,
@@ -114,6 +115,7 @@ __all__ = [
     "VectorSensor",
     "__version__",
     "analysis",
+    "ccsds",
     "celestial",
     "elements",
     "frames",

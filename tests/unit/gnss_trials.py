@@ -16,8 +16,8 @@ QUICK = GnssStarScenario(force=J2)
 TRIALS = 40
 SLEWS = {
     "none": AttitudeProfile(),
-    "return": AttitudeProfile(slew=Slew(np.radians(120.0), 1200.0)),
-    "turn": AttitudeProfile(slew=Slew(np.radians(120.0), 1200.0, "turn")),
+    "return": AttitudeProfile(slew=Slew(np.radians(120.0), 1200.0, "return")),
+    "turn": AttitudeProfile(slew=Slew(np.radians(120.0), 1200.0)),
     "large": AttitudeProfile((1.0, 900.0), (0.5, 600.0), (2.0, 400.0)),
 }
 

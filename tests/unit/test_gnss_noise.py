@@ -197,10 +197,11 @@ def test_baselines_share_the_master_antenna() -> None:
 
 def test_gyro() -> None:
     scenario = replace(QUICK, gyro=GYRO, gyro_step=1.0)
+    without = replace(scenario, step=1.0, gyro=None)
     white, start, walk = [], [], []
     for k in range(TRIALS):
         made = scenario.trial(2, k)
-        fine = replace(scenario, step=1.0, gyro=None).trial(2, k)
+        fine = without.trial(2, k)
         gyro = made.log.gyro
         assert gyro is not None
         assert made.gyro_bias is not None

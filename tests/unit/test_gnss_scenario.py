@@ -52,7 +52,9 @@ def test_the_defaults_are_the_published_ones() -> None:
 
 
 def test_the_gravity_can_be_changed() -> None:
-    field = orbit.GravityField.jgm3()
+    assert FULL.forces.field is not None
+    assert FULL.forces.field.name == "EGM2008"
+    field = orbit.GravityField.egm2008()
     other = GnssStarScenario(gravity=replace(field, mu=field.mu * (1.0 + 1e-6)))
     off = np.linalg.norm(other.trial(1).r_i - FULL.trial(1).r_i, axis=1)
     assert off[0] < 1.0

@@ -9,6 +9,7 @@ import celestcore as cc
 import numpy as np
 import pytest
 from celestcore import frames, orbit
+from celestcore.gnss.scenario import GnssStarScenario
 from celestcore.gnss.start import OrbitStart, orbit_start
 
 Array = np.ndarray[Any, Any]
@@ -179,3 +180,23 @@ def test_inputs_are_left_alone_and_the_answer_repeats() -> None:
     np.testing.assert_array_equal(one.r, two.r)
     np.testing.assert_array_equal(before[0], r)
     np.testing.assert_array_equal(before[1], v)
+
+
+@pytest.mark.parametrize("sigma", [1.0, 10.0])
+def test_the_published_experiment(sigma: float) -> None:
+    """From the log itself: Earth-fixed fixes, a quarter of them outliers of 20 sigma and more."""
+    scenario = GnssStarScenario(gnss_sigma=sigma, gnss_outliers=(0.25, 20.0, 200.0))
+    found = 0
+    for k in range(20):
+        made = scenario.trial(8, k)
+        table = made.log.gnss
+        assert table is not None
+        r, v = frames.to_gcrs(scenario.epoch, table.t, table.r, table.v)
+        if made.gnss_outlier[:8].sum() > 3:
+            continue
+        start = orbit_start(table.t, r, v, sigma=sigma, sigma_velocity=0.01 * sigma)
+        np.testing.assert_array_equal(start.good, ~made.gnss_outlier[:8])
+        assert np.linalg.norm(start.r - made.r_i[0]) < 5.0 * sigma
+        assert np.linalg.norm(start.v - made.v_i[0]) < 0.05 * sigma + 0.01
+        found += 1
+    assert found > 10

@@ -13,7 +13,7 @@ from celestcore.gnss.montecarlo import (
 )
 from celestcore.gnss.navigator import GnssStarNavigator
 from celestcore.gnss.profile import AttitudeProfile, Slew
-from celestcore.gnss.scenario import GnssStarScenario, GnssStarTrial
+from celestcore.gnss.scenario import ANTENNAS, GYRO, ORBIT, GnssStarScenario, GnssStarTrial
 from celestcore.gnss.sensors import (
     GaussMarkov,
     GnssReceiver,
@@ -25,6 +25,9 @@ from celestcore.gnss.start import OrbitStart, orbit_start
 from celestcore.gnss.stream import FixReport, GnssStarState
 
 __all__ = [
+    "ANTENNAS",
+    "GYRO",
+    "ORBIT",
     "Antennas",
     "AttitudeProfile",
     "AxisEstimate",

@@ -38,8 +38,13 @@ class AttitudeFixes:
 
     def stars(self) -> tuple[FloatArray, FloatArray]:
         """Return times and attitudes of the star fixes alone."""
-        star = np.array([name.startswith("star") for name in self.names], bool)[self.sensor]
+        star = self.of_stars()
         return self.t[star], quaternion.continuous(self.q[star]) if star.any() else self.q[star]
+
+    def of_stars(self) -> Any:
+        """Return which rows are of star sensors, not of antennas."""
+        antennas = [k for k, name in enumerate(self.names) if name == "baselines"]
+        return ~np.isin(self.sensor, antennas)
 
 
 def star_fixes(nav: GnssStarNavigator, log: SensorLog) -> AttitudeFixes:
@@ -135,8 +140,7 @@ class AttitudeRun:
         if lfe is None:
             return np.zeros((len(self.fixes.t), 0))
         weights = lfe.weights(self.fixes.t, self.period)
-        star = np.array([name.startswith("star") for name in self.fixes.names])
-        return np.ascontiguousarray(weights * star[self.fixes.sensor][:, None])
+        return np.ascontiguousarray(weights * self.fixes.of_stars()[:, None])
 
     def warn_of_arc(self, span: float) -> None:
         """Say where an arc is too short to tell harmonics."""

@@ -10,7 +10,7 @@ import numpy as np
 from celestcore import quaternion
 from celestcore._check import FloatArray, warn
 from celestcore.errors import InputError
-from celestcore.frames._rotation import EARTH_RATE, itrs_to_gcrs
+from celestcore.gnss._earth import Earth, GivenEarth
 from celestcore.gnss.start import orbit_start
 from celestcore.orbit.propagate import propagate
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from celestcore.gnss.navigator import GnssStarNavigator
     from celestcore.log import GnssTable
 
-FIXES_OF_A_START = 8
+FIXES_OF_A_START = (8, 16, 32)
+"""How many fixes a start looks at, and again if they do not agree."""
 WIDE = (1e3, 10.0)
 """1-sigma of position [m] and velocity [m/s] about a start that was found in the fixes themselves:
 so wide that they do not count twice."""
 ROWS, COLUMNS = (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)
-_EARTH_TURN = np.array([0.0, 0.0, EARTH_RATE])
 
 
 @dataclass
@@ -95,18 +95,17 @@ def attitude_at(
     return quaternion.multiply(q[k], quaternion.exp(rate * (t - at[k])[:, None])), rate
 
 
-def fixes_of(nav: GnssStarNavigator, table: GnssTable, epoch: str, star: Any, earth: Any) -> Fixes:
+def fixes_of(
+    nav: GnssStarNavigator, table: GnssTable, star: Any, earth: Earth | GivenEarth
+) -> Fixes:
     """Return the log's GNSS table in the GCRS, of the centre of mass."""
     receiver = nav.gnss
     t = table.t - receiver.time_offset
-    if earth is None:
-        r_ie = itrs_to_gcrs(epoch, t)
-    else:
-        r_ie = np.swapaxes(earth_matrices(earth, t), -1, -2)
+    r_ie, turn = earth.at(t)
     r = (r_ie @ table.r[:, :, None])[:, :, 0]
     v = None
     if table.v is not None and receiver.sigma_velocity is not None:
-        absolute = table.v + np.cross(_EARTH_TURN, table.r)
+        absolute = table.v + np.cross(turn, table.r)
         v = (r_ie @ absolute[:, :, None])[:, :, 0]
     arm = np.asarray(receiver.lever_arm, dtype=np.float64)
     if arm.any():
@@ -135,28 +134,6 @@ def merged(
     return Fixes(at, velocity, value, noise, row, r, v, t)
 
 
-def earth_matrices(earth: Any, t: FloatArray) -> FloatArray:
-    """Return the user's matrices from the GCRS to the Earth-fixed frame, checked."""
-    given = np.asarray(earth(t) if callable(earth) else earth, dtype=np.float64)
-    if given.shape != (len(t), 3, 3):
-        raise InputError(
-            f"has shape {given.shape}; one matrix for each GNSS fix is needed, {(len(t), 3, 3)}",
-            field="earth_rotation",
-        )
-    off = np.abs(given @ np.swapaxes(given, -1, -2) - np.eye(3)).max(axis=(1, 2))
-    bad = ~((off < 1e-9) & (np.linalg.det(given) > 0.0))
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise InputError(
-            "is no rotation matrix: its rows must be unit vectors, across each other and "
-            "right-handed (determinant +1)",
-            field="earth_rotation",
-            row=row,
-            value=given[row],
-        )
-    return given
-
-
 class OrbitRun:
     """Runs of the orbit filter over one log."""
 
@@ -170,7 +147,16 @@ class OrbitRun:
     def begin(self, after: float, t: float) -> tuple[float, FloatArray, FloatArray]:
         """Find a start in the fixes from `after` on, and carry it to time `t`."""
         first = int(np.searchsorted(self.fixes.epochs, after))
-        some = slice(first, first + FIXES_OF_A_START)
+        for looked_at in FIXES_OF_A_START:
+            try:
+                return self._begin(slice(first, first + looked_at), t)
+            except InputError:
+                # where the first few do not agree, more of them may
+                if looked_at == FIXES_OF_A_START[-1] or first + looked_at >= len(self.fixes.epochs):
+                    raise
+        raise AssertionError  # the loop returns or raises
+
+    def _begin(self, some: slice, t: float) -> tuple[float, FloatArray, FloatArray]:
         receiver, v = self.nav.gnss, self.fixes.v
         velocity_sigma = receiver.sigma_velocity
         found = orbit_start(
@@ -179,8 +165,9 @@ class OrbitRun:
             None if v is None else v[some],
             sigma=float(np.max(np.asarray(receiver.sigma))),
             sigma_velocity=None if velocity_sigma is None else float(np.max(velocity_sigma)),
+            fixes=some.stop - some.start,
         )
-        bad = np.flatnonzero(~found.good) + first
+        bad = np.flatnonzero(~found.good) + some.start
         if len(bad):
             self.used &= ~np.isin(self.fixes.row, bad)
         state = np.concatenate([found.r, found.v])
@@ -222,13 +209,15 @@ class OrbitRun:
         restarts: list[float] = []
         begin = 0
         while True:
-            chosen = self.used & (self.fixes.t >= start[0])
-            rows = np.flatnonzero(chosen)
+            rows = np.flatnonzero(self.used & (self.fixes.t >= start[0]))
             out = self._pass(stops[begin:], wanted[begin:], start, rows, o, back=False)
             lost = self._diverged(out, rows)
             end = begin if lost is None else begin + int(np.searchsorted(stops[begin:], lost))
             # a start of which nothing after it is believed would be found again: no use
-            if lost is None or end == begin:
+            again = None
+            if lost is not None and end > begin:
+                again = self._again(lost, float(stops[end]))
+            if again is None or lost is None:
                 if back:
                     out = self._pass(stops[begin:], wanted[begin:], start, rows, o, back=True)
                 parts.append(_part(out, rows))
@@ -237,9 +226,8 @@ class OrbitRun:
             head = slice(begin, end)
             out = self._pass(stops[head], wanted[head], start, before, o, back=back)
             parts.append(_part(out, before))
-            start = self.begin(lost, float(stops[end]))
+            start, begin = again, end
             restarts.append(float(stops[end]))
-            begin = end
         if restarts:
             warn(
                 f"the orbit filter refused {self.nav.max_rejected} fixes running and started again "
@@ -248,6 +236,17 @@ class OrbitRun:
                 + ": a manoeuvre, a jump of the receiver, or dynamics that are too confident"
             )
         return _joined(parts, restarts)
+
+    def _again(self, lost: float, t: float) -> tuple[float, FloatArray, FloatArray] | None:
+        """Find a start in the fixes from time `lost` on; None if no orbit fits them."""
+        try:
+            return self.begin(lost, t)
+        except InputError as error:
+            warn(
+                f"the orbit filter refuses fixes from t = {lost:.6g} s on, and no orbit fits them "
+                f"to start again from ({error}); from there it is mostly predicted"
+            )
+            return None
 
     def _pass(
         self,

@@ -15,7 +15,7 @@ from celestcore._check import FloatArray, times, warn
 from celestcore.elements import from_state
 from celestcore.elements import period as orbit_period
 from celestcore.errors import InputError
-from celestcore.frames import itrs_to_gcrs, orbital
+from celestcore.frames import orbital
 from celestcore.gnss._attitude import (
     AttitudeFixes,
     AttitudeRun,
@@ -23,7 +23,8 @@ from celestcore.gnss._attitude import (
     star_fixes,
     with_antennas,
 )
-from celestcore.gnss._orbit import Fixes, OrbitPass, OrbitRun, earth_matrices, fixes_of
+from celestcore.gnss._earth import Earth, GivenEarth, earth_of
+from celestcore.gnss._orbit import Fixes, OrbitPass, OrbitRun, fixes_of
 from celestcore.gnss.solution import GnssStarSolution, Innovations, LfeReport
 from celestcore.log import SensorLog
 from celestcore.orbit.propagate import environment_of, position, velocity
@@ -100,15 +101,13 @@ def replay(
             f"is of one star sensor, but the log has {', '.join(log.stars)}", field="lfe"
         )
     stars = star_fixes(nav, log)
-    fixes = fixes_of(nav, log.gnss, log.epoch, stars.stars(), o["earth_rotation"])
+    earth = earth_of(log.epoch, o["earth_rotation"])
+    fixes = fixes_of(nav, log.gnss, stars.stars(), earth)
     if nav.antennas is not None and log.baselines is not None:
         t = log.baselines.t - nav.gnss.time_offset
-        own = o["earth_rotation"]
-        r_ie = (
-            np.swapaxes(earth_matrices(own, t), -1, -2)
-            if callable(own)
-            else itrs_to_gcrs(log.epoch, t)
-        )
+        if isinstance(earth, GivenEarth) and not callable(earth.given):
+            earth = Earth(log.epoch)  # the user's matrices are those of the fixes alone
+        r_ie, _ = earth.at(np.ascontiguousarray(t))
         stars = with_antennas(nav, log, stars, r_ie)
     stops = Stops(np.unique(np.concatenate([fixes.epochs, stars.t])), o["t_output"])
     orbit = _orbit(nav, fixes, log.epoch, stops, o, back)

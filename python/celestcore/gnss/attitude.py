@@ -207,7 +207,9 @@ def gps_attitude(
     left out, and so on while two remain that are not on one line. If none can be spared the row is
     not valid. Two baselines can show that one is wrong but not which; of three, a wrong one is
     found if it disturbs the lengths or angles among them. A row with fewer than two baselines, or
-    with all on one line, is not valid.
+    with all on one line, is not valid. Covariance and tests are those of small errors: with code
+    positions (a metre on baselines of a few) they hold no more, and there is no attitude to speak
+    of.
 
     Examples
     --------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -20,7 +20,8 @@ from celestcore._campaign import (
     warn_of_failures,
 )
 from celestcore.errors import CelestcoreError, InputError
-from celestcore.frames import gcrs_to_itrs
+from celestcore.gnss._earth import Earth
+from celestcore.gnss._run import DEFAULTS, replay
 from celestcore.gnss._scores import (
     COLUMNS,
     THREE,
@@ -49,7 +50,7 @@ class _Job:
     seed: int
     skip: float
     tables: dict[str, Any] | None
-    earth: Callable[[Any], Any] | None
+    earth: Earth
 
     def __call__(self, trial: int) -> dict[str, dict[str, Any] | str]:
         """Simulate one trial and return each estimator's scores, or why it has none."""
@@ -57,34 +58,15 @@ class _Job:
         out: dict[str, dict[str, Any] | str] = {}
         for name, (nav_name, back) in self.each.items():
             nav = self.navigators[nav_name]
-            call = nav.smooth if back else nav.run
+            options = {**DEFAULTS, "covariance": True, "t_output": made.t}
+            options |= {"earth_rotation": self.earth, "environment": self.tables}
             try:
-                sol = call(
-                    made.log,
-                    covariance=True,
-                    t_output=made.t,
-                    earth_rotation=self.earth,
-                    environment=self.tables,
-                )
+                sol = replay(nav, made.log, options, back=back)
             except CelestcoreError as error:
                 out[name] = str(error)
                 continue
             out[name] = score(sol, made, 0.0 if back else self.skip)
         return out
-
-
-class _Earth:
-    """Earth's orientation at times that come again in every trial; it can be pickled."""
-
-    def __init__(self, epoch: str) -> None:
-        self.epoch = epoch
-        self.known: dict[bytes, Any] = {}
-
-    def __call__(self, t: Any) -> Any:
-        key = t.tobytes()
-        if key not in self.known:
-            self.known[key] = gcrs_to_itrs(self.epoch, t)
-        return self.known[key]
 
 
 def run_trials(job: _Job, trials: Collection[int]) -> list[dict[str, dict[str, Any] | str]]:
@@ -173,7 +155,7 @@ def monte_carlo(
         whole(seed, "seed", 64),
         checked_skip(skip, np.array([0.0, scenario.duration]), both_ends=False),
         _tables(scenario, navs),
-        _Earth(scenario.epoch),
+        Earth(scenario.epoch),
     )
     begins, total = whole(first, "first", 56), count(trials, "trials")
     numbers = list(range(begins, begins + total))

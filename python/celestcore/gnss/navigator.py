@@ -11,7 +11,7 @@ from celestcore import _core
 from celestcore._arguments import checked, count, each_checked
 from celestcore._check import number
 from celestcore.errors import InputError
-from celestcore.filters import EKF, UKF, LiteralUKF
+from celestcore.filters import EKF, UKF
 from celestcore.gnss import _run
 from celestcore.gnss.antennas import Antennas
 from celestcore.gnss.sensors import GnssReceiver, KinematicAttitude, LowFrequencyError
@@ -44,7 +44,7 @@ class GnssStarNavigator:
 
     Parameters
     ----------
-    filter : EKF, UKF or SRUKF
+    filter : EKF or UKF
         The orbit filter.
     dynamics : OrbitDynamics or ForceModel
         Forces and their uncertainty; of a force model alone the uncertainty is 1e-8 m^2/s^3, which
@@ -110,8 +110,12 @@ class GnssStarNavigator:
         max_rejected: int | None = 10,
     ) -> None:
         self.filter: OrbitFilter = checked(EKF() if filter is None else filter, "filter", EKF, UKF)
-        if isinstance(filter, LiteralUKF):
-            raise InputError("estimates attitudes, not orbits", field="filter", value="LiteralUKF")
+        if self.filter.kind not in ("ekf", "ukf"):
+            raise InputError(
+                "does not go here: fixes are nearly linear in the orbit, EKF() or UKF() will do",
+                field="filter",
+                value=self.filter.kind,
+            )
         given = ForceModel(gravity=20) if dynamics is None else dynamics
         if isinstance(given, ForceModel):
             given = OrbitDynamics(given, ACCEL_PSD)

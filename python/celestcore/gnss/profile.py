@@ -15,7 +15,7 @@ from celestcore.units import DEG
 
 __all__ = ["AttitudeProfile", "Slew"]
 
-KINDS = ("return", "turn")
+KINDS = ("turn", "return")
 AXES = ("yaw", "pitch", "roll")
 
 
@@ -29,9 +29,10 @@ class Slew:
         How far [rad].
     duration : float
         How long [s].
-    kind : {"return", "turn"}
-        There and back, ``angle sin^2(pi t / duration)``; or on and on at the constant rate
-        ``angle / duration``, which a filter with white jerk can follow without lag.
+    kind : {"turn", "return"}
+        On and on at the constant rate ``angle / duration``, which a filter of rate and acceleration
+        follows without lag; or there and back, ``angle sin^2(pi t / duration)``, where a filter
+        without a gyro lags by minutes of arc if its white jerk is that of the undisturbed attitude.
 
     Raises
     ------
@@ -40,7 +41,7 @@ class Slew:
 
     Examples
     --------
-    >>> slew = Slew(120 * DEG, 1200.0)
+    >>> slew = Slew(120 * DEG, 1200.0, "return")
     >>> pitch, rate = slew.pitch([0.0, 600.0])
     >>> (pitch / DEG).round(6), rate.round(9) + 0.0
     (array([  0., 120.]), array([0., 0.]))
@@ -48,7 +49,7 @@ class Slew:
 
     angle: float = 120.0 * DEG
     duration: float = 1200.0
-    kind: str = "return"
+    kind: str = "turn"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "angle", number(self.angle, "slew.angle"))
@@ -75,7 +76,7 @@ class Slew:
 
         Examples
         --------
-        >>> pitch, rate = Slew(1.0, 10.0, "turn").pitch([5.0])
+        >>> pitch, rate = Slew(1.0, 10.0).pitch([5.0])
         >>> pitch, rate
         (array([0.5]), array([0.1]))
         """
@@ -109,7 +110,7 @@ class AttitudeProfile:
     --------
     >>> profile = AttitudeProfile(slew=Slew(120 * DEG, 1200.0))
     >>> profile.pitch[1], profile.slew
-    (600.0, Slew(angle=2.0943951023931953, duration=1200.0, kind='return'))
+    (600.0, Slew(angle=2.0943951023931953, duration=1200.0, kind='turn'))
     """
 
     yaw: tuple[float, float] = (0.04 * DEG, 900.0)

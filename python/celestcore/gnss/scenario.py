@@ -59,7 +59,7 @@ def experiment_forces(gravity: GravityField | None = None) -> ForceModel:
         moon=True,
         srp=SolarPressure(cr=1.3, area_to_mass=_AREA_TO_MASS),
         drag=Drag(cd=2.2, area_to_mass=_AREA_TO_MASS),
-        field=gravity,
+        field=GravityField.egm2008() if gravity is None else gravity,
     )
 
 
@@ -137,10 +137,10 @@ class GnssStarScenario:
     orbit : Elements
         Osculating elements then, GCRS.
     force : ForceModel, optional
-        True forces; unless given, gravity 70x70, Harris-Priester drag (Cd 2.2, 12 m^2, 2650 kg),
+        True forces; unless given, EGM2008 70x70, Harris-Priester drag (Cd 2.2, 12 m^2, 2650 kg),
         sunlight (Cr 1.3), Sun and Moon.
     gravity : GravityField, optional
-        The field of those forces, instead of the default one.
+        The field of those forces, instead of EGM2008.
     duration, step : float
         Length, both ends included, and spacing of the truth [s].
     attitude : AttitudeProfile

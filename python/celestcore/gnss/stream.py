@@ -16,8 +16,8 @@ from celestcore._replay import BIAS_SIGMA
 from celestcore.elements import from_state
 from celestcore.elements import period as orbit_period
 from celestcore.errors import InputError
-from celestcore.frames import itrs_to_gcrs, orbital
-from celestcore.frames._rotation import EARTH_RATE
+from celestcore.frames import orbital
+from celestcore.gnss._earth import Earth
 from celestcore.gnss._orbit import turned
 from celestcore.gnss._run import covariance_of
 from celestcore.orbit.propagate import environment_of, position, velocity
@@ -220,16 +220,17 @@ class GnssStarState:
         fixed = np.asarray(position(r_e))
         at = number(t, "t") - receiver.time_offset
         self.predict(at)
-        r_ie = itrs_to_gcrs(self.epoch, at)
+        matrices, turn = Earth(self.epoch).at(np.array([at]))
+        r_ie = matrices[0]
         r = r_ie @ fixed
         rows = [(False, r, np.square(np.asarray(receiver.sigma)))]
         if v_e is not None and receiver.sigma_velocity is not None:
-            absolute = np.asarray(velocity(v_e)) + np.cross([0.0, 0.0, EARTH_RATE], fixed)
+            absolute = np.asarray(velocity(v_e)) + np.cross(turn[0], fixed)
             rows.append((True, r_ie @ absolute, np.square(np.asarray(receiver.sigma_velocity))))
         arm = np.asarray(receiver.lever_arm)
         if arm.any():
-            turn, spin = self._lever(arm)
-            rows = [(v, z - (spin if v else turn), s) for v, z, s in rows]
+            place, speed = self._lever(arm)
+            rows = [(v, z - (speed if v else place), s) for v, z, s in rows]
         fixes = (
             np.full(len(rows), self.t),
             np.array([row[0] for row in rows]),
@@ -325,6 +326,8 @@ class GnssStarState:
     def _gyro(self, stops: int) -> FloatArray | None:
         if self.navigator.gyro is None:
             return None
+        if self._rate is None and stops == 1:
+            return np.zeros((1, 4))  # no time passes
         if self._rate is None:
             raise InputError("is needed: the navigator has a gyro", field="rate")
         return np.ascontiguousarray(np.tile(np.append(self._rate, 0.0), (stops, 1)))

@@ -7,7 +7,7 @@ use crate::orbit::force;
 use celestcore_core::Error;
 use celestcore_core::attitude::{GyroModel, PointingModel};
 use celestcore_core::augmented::Fading;
-use celestcore_core::filter::{Ekf, SrUkf, Ukf, Unscented};
+use celestcore_core::filter::{Ekf, Ukf, Unscented};
 use celestcore_core::gnss::{
     AttitudeFixes, AttitudeJob, AttitudeModel, AxisFixes, Ended, History, Options, OrbitFilter, OrbitFixes, OrbitJob,
     Stops, attitude, axis, orbit,
@@ -114,7 +114,6 @@ impl GnssOrbit {
         let filter = match filter {
             "ekf" => Ok(OrbitFilter::Ekf(Ekf::default())),
             "ukf" => points().map(|weights| OrbitFilter::Ukf(Ukf { weights })),
-            "srukf" => points().and_then(SrUkf::new).map(OrbitFilter::SrUkf),
             other => return Err(input(py, &format!("filter = {other:?}: does not estimate orbits from fixes"))),
         }
         .map_err(|e| raise(py, e))?;

@@ -9,13 +9,13 @@ use crate::attitude::{
 use crate::augmented::{Augmented, Fading, Joined, JoinedSpace};
 use crate::consistency::chi2_quantile;
 use crate::error::{Error, Result};
-use crate::filter::{Ekf, Filter, SrUkf, Ukf};
+use crate::filter::{Ekf, Filter, Ukf};
 use crate::linalg::{Matrix, from_fn};
 use crate::manifold::{Family, Manifold};
 use crate::model::Dynamics;
 use crate::orbit::{Nothing, OrbitModel};
 use crate::replay::{Drive, Output, Recorder, Replay, Report, Sensors, Start, smooth as back};
-use crate::scalar::{Level, Real, Run, Runner};
+use crate::scalar::{Baseline, Level, Real, Run, Runner};
 
 /// Times at which a run stops, and what drives it.
 #[derive(Clone, Copy, Debug)]
@@ -112,8 +112,6 @@ pub enum OrbitFilter {
     Ekf(Ekf),
     /// Unscented Kalman filter.
     Ukf(Ukf),
-    /// Square-root unscented Kalman filter.
-    SrUkf(SrUkf),
 }
 
 /// Attitude and what moves it.
@@ -269,7 +267,6 @@ impl OrbitJob<'_> {
         match self.filter {
             OrbitFilter::Ekf(f) => go!(&f),
             OrbitFilter::Ukf(f) => go!(&f),
-            OrbitFilter::SrUkf(f) => go!(&f),
         }
     }
 }
@@ -282,36 +279,107 @@ impl OrbitJob<'_> {
 pub fn attitude(job: AttitudeJob<'_>, start: Begin<'_>, history: &mut History, poll: Poll<'_>) -> Result<Ended> {
     let AttitudeFixes { t, q, noise, weights } = job.fixes;
     lengths(t.len(), [("star.q", q.len()), ("star.noise", noise.len())])?;
-    lengths(t.len() * job.tail.len(), [("star.weights", weights.len())])?;
     checked(&job.stops)?;
-    match job.model {
-        AttitudeModel::Kinematic(model) => match *job.tail {
-            [] => job.kinematic::<0, 9>(model, [], start, history, poll),
-            [a] => job.kinematic::<1, 12>(model, [a], start, history, poll),
-            [a, b] => job.kinematic::<2, 15>(model, [a, b], start, history, poll),
-            [a, b, c] => job.kinematic::<3, 18>(model, [a, b, c], start, history, poll),
-            [a, b, c, d] => job.kinematic::<4, 21>(model, [a, b, c, d], start, history, poll),
-            [a, b, c, d, e] => job.kinematic::<5, 24>(model, [a, b, c, d, e], start, history, poll),
-            _ => Err(too_many(job.tail.len())),
-        },
-        AttitudeModel::Gyro(model) => {
-            lengths(job.stops.t.len(), [("gyro.rate", job.stops.gyro.len())])?;
-            match *job.tail {
-                [] => job.gyro::<0, 6>(model, [], start, history, poll),
-                [a] => job.gyro::<1, 9>(model, [a], start, history, poll),
-                [a, b] => job.gyro::<2, 12>(model, [a, b], start, history, poll),
-                [a, b, c] => job.gyro::<3, 15>(model, [a, b, c], start, history, poll),
-                [a, b, c, d] => job.gyro::<4, 18>(model, [a, b, c, d], start, history, poll),
-                [a, b, c, d, e] => job.gyro::<5, 21>(model, [a, b, c, d, e], start, history, poll),
-                _ => Err(too_many(job.tail.len())),
-            }
-        }
+    if matches!(job.model, AttitudeModel::Gyro(_)) {
+        lengths(job.stops.t.len(), [("gyro.rate", job.stops.gyro.len())])?;
     }
+    let (tail, weights) = (padded(job.tail), widened(weights, job.tail.len(), t.len())?);
+    let job = AttitudeJob { fixes: AttitudeFixes { weights: &weights, ..job.fixes }, ..job };
+    let (head, error) = job.model.sizes();
+    let (state, covariance) = padded_start((start.1, start.2), (head, error), job.tail.len())?;
+    let whole = (start.0, &state[..], &covariance[..]);
+    let mut ended = match (job.model, &tail[..]) {
+        (AttitudeModel::Kinematic(m), []) => job.kinematic::<0, 9>(m, [], whole, history, poll),
+        (AttitudeModel::Kinematic(m), &[a, b]) => job.kinematic::<2, 15>(m, [a, b], whole, history, poll),
+        (AttitudeModel::Kinematic(m), &[a, b, c, d]) => job.kinematic::<4, 21>(m, [a, b, c, d], whole, history, poll),
+        (AttitudeModel::Kinematic(m), &[a, b, c, d, e]) => {
+            job.kinematic::<5, 24>(m, [a, b, c, d, e], whole, history, poll)
+        }
+        (AttitudeModel::Gyro(m), []) => job.gyro::<0, 6>(m, [], whole, history, poll),
+        (AttitudeModel::Gyro(m), &[a, b]) => job.gyro::<2, 12>(m, [a, b], whole, history, poll),
+        (AttitudeModel::Gyro(m), &[a, b, c, d]) => job.gyro::<4, 18>(m, [a, b, c, d], whole, history, poll),
+        (AttitudeModel::Gyro(m), &[a, b, c, d, e]) => job.gyro::<5, 21>(m, [a, b, c, d, e], whole, history, poll),
+        _ => Err(too_many(job.tail.len())),
+    }?;
+    let (vectors, all) = (job.tail.len(), tail.len());
+    let narrow = |column: &mut Vec<f64>, head: usize| *column = leading(column, head + 3 * all, head + 3 * vectors);
+    narrow(&mut history.state, head);
+    narrow(&mut history.sigma, error);
+    history.covariance = square(&history.covariance, error + 3 * all, error + 3 * vectors);
+    narrow(&mut ended.state, head);
+    ended.covariance = square(&ended.covariance, error + 3 * all, error + 3 * vectors);
+    Ok(ended)
 }
 
 fn too_many(vectors: usize) -> Error {
     let need = "at most two harmonics and a Gauss-Markov error are estimated";
     Error::Parameter { field: "vectors of the slow error", value: vectors as f64, need }
+}
+
+/// Numbers of vectors that there are filters for: a tail in between is filled up with vectors that no fix sees. Each
+/// is a filter to compile.
+const TAILS: [usize; 4] = [0, 2, 4, 5];
+
+/// A tail filled up.
+fn padded(tail: &[Fading]) -> Vec<Fading> {
+    let size = TAILS.into_iter().find(|k| *k >= tail.len()).unwrap_or(tail.len());
+    let mut out = tail.to_vec();
+    out.resize(size, Fading::default());
+    out
+}
+
+/// Weights for a tail that is filled up: fixes do not see what fills it.
+fn widened(weights: &[f64], vectors: usize, rows: usize) -> Result<Vec<f64>> {
+    lengths(rows * vectors, [("star.weights", weights.len())])?;
+    let all = padded(&vec![Fading::default(); vectors]).len();
+    let mut out = vec![0.0; rows * all];
+    for row in 0..rows {
+        out[row * all..row * all + vectors].copy_from_slice(&weights[row * vectors..(row + 1) * vectors]);
+    }
+    Ok(out)
+}
+
+/// A start for a tail that is filled up, with zeros of unit variance.
+fn padded_start(
+    (state, covariance): (&[f64], &[f64]),
+    (head, error): (usize, usize),
+    vectors: usize,
+) -> Result<(Vec<f64>, Vec<f64>)> {
+    let (own, all) = (error + 3 * vectors, error + 3 * padded(&vec![Fading::default(); vectors]).len());
+    lengths(head + 3 * vectors, [("start.state", state.len())])?;
+    lengths(own * own, [("start.covariance", covariance.len())])?;
+    let mut x = state.to_vec();
+    x.resize(head + all - error, 0.0);
+    let mut p = vec![0.0; all * all];
+    for i in 0..all {
+        if i < own {
+            p[all * i..all * i + own].copy_from_slice(&covariance[own * i..own * (i + 1)]);
+        } else {
+            p[all * i + i] = 1.0;
+        }
+    }
+    Ok((x, p))
+}
+
+/// The first `keep` of each `width` numbers.
+fn leading(column: &[f64], width: usize, keep: usize) -> Vec<f64> {
+    column.chunks_exact(width).flat_map(|row| &row[..keep]).copied().collect()
+}
+
+/// The first `keep` rows and columns of each matrix of `width` rows and columns.
+fn square(column: &[f64], width: usize, keep: usize) -> Vec<f64> {
+    let matrices = column.chunks_exact(width * width);
+    matrices.flat_map(|m| m.chunks_exact(width).take(keep).flat_map(|row| &row[..keep])).copied().collect()
+}
+
+impl AttitudeModel {
+    /// Sizes of the head's state and of its error.
+    fn sizes(&self) -> (usize, usize) {
+        match self {
+            Self::Gyro(_) => (7, 6),
+            Self::Kinematic(_) => (10, 9),
+        }
+    }
 }
 
 impl AttitudeJob<'_> {
@@ -362,7 +430,8 @@ impl AttitudeJob<'_> {
     {
         let sensors = Attitudes::<H, K> { fixes: self.fixes, gate: limit(self.options.gate)? };
         let parts = Parts { filter: &Ekf::default(), dynamics, drive, sensors: &sensors };
-        go(self.options.level, parts, start, &self.options, self.stops, history, poll)
+        // for one instruction set alone: each is one more copy of every filter to compile
+        go(Baseline, parts, start, &self.options, self.stops, history, poll)
     }
 }
 
