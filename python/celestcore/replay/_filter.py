@@ -1,0 +1,248 @@
+"""A filter that goes over a log piece by piece."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from celestcore._check import FloatArray
+from celestcore._replay import BIAS_SIGMA
+from celestcore._tables import parts_of
+from celestcore.log import SensorLog
+from celestcore.navigator import GAP_STEPS, StarGyroNavigator
+from celestcore.replay._windows import Piece
+from celestcore.solution import Solution
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a filter stands."""
+
+    t: float
+    q: FloatArray
+    bias: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, final: dict[str, Any]) -> State:
+        """Return the state at a solution's end."""
+        return cls(float(final["t"]), final["q"], final["bias"], final["covariance"])
+
+    def options(self) -> dict[str, Any]:
+        """Return a run's options that go on from here."""
+        return {"t0": self.t, "q0": self.q, "bias0": self.bias, "covariance0": self.covariance}
+
+
+@dataclass
+class Made:
+    """What came of a piece."""
+
+    tables: dict[str, dict[str, Any]]
+    samples: int
+    fixes: int
+    rejected: int
+    log_likelihood: float
+    restarts: list[float] = field(default_factory=list)
+
+
+class Forward:
+    """The filter between two pieces: its state, and how much it has refused running."""
+
+    def __init__(self, navigator: StarGyroNavigator, options: dict[str, Any]) -> None:
+        self.navigator, self.options = navigator, options
+        self.state: State | None = None
+        self.refused = 0
+        self._again: float | None = None
+        """Time from which the fixes are to be believed again, not the filter."""
+
+    @property
+    def reached(self) -> float:
+        """Time of the state [s]."""
+        return -np.inf if self.state is None else self.state.t
+
+    def kept(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps."""
+        assert self.state is not None
+        gap = self.navigator.gyro.max_gap
+        own = dataclasses.asdict(self.state)
+        return {**own, "refused": self.refused, "max_gap": gap, "again": self._again}
+
+    def restore(self, kept: dict[str, Any] | None) -> None:
+        """Go on from what a checkpoint kept."""
+        if kept is None:
+            return
+        self._fix_gap(kept["max_gap"])
+        self.refused, self._again = kept["refused"], kept["again"]
+        self.state = State(kept["t"], kept["q"], kept["bias"], kept["covariance"])
+
+    def _fix_gap(self, max_gap: float) -> None:
+        """Take one longest step for the whole log: that of its first piece unless it is given."""
+        self.navigator = copy.copy(self.navigator)
+        self.navigator.gyro = dataclasses.replace(self.navigator.gyro, max_gap=max_gap)
+
+    def start_in(self, log: SensorLog | None) -> int | None:
+        """Return the gyro sample at or before the start, None without a fix to start from."""
+        if log is None or log.gyro is None or not log.stars or len(log.gyro) < 2:
+            return None
+        first = min(float(table.t[0]) for table in log.stars.values())
+        if first > log.gyro.t[-1]:
+            return None
+        probe = self.navigator.run(log, every=len(log.gyro), innovations="none")
+        return int(np.searchsorted(log.gyro.t, probe.t[0], "right")) - 1
+
+    def over(self, piece: Piece) -> Made:
+        """Run over a piece."""
+        log: SensorLog | None = piece.log
+        assert log is not None
+        assert log.gyro is not None
+        if self.navigator.gyro.max_gap is None:
+            self._fix_gap(GAP_STEPS * float(np.median(np.diff(log.gyro.t))))
+        made = _Collected(self.options["innovations"])
+        while log is not None:
+            begin, again = self.state, self._again
+            sol = self._run(log, begin, again)
+            lost = self._lost(sol)
+            rest = None
+            if lost is not None:
+                head, rest = _split(log, lost)
+                self._again = lost
+                made.restarts.append(lost)
+                if head is None:
+                    log = rest
+                    continue
+                log, sol = head, self._run(head, begin, again)
+            shown = sol
+            if piece.ahead is not None:
+                shown = self._smoothed(piece.ahead, log, begin, again, float(sol.t[-1]))
+            made.add(sol, shown, goes_on=begin is not None)
+            self.state = State.of(sol.final)
+            if lost is None:
+                self._again = None
+            log = rest
+        return made.made()
+
+    def _run(self, log: SensorLog, begin: State | None, again: float | None) -> Solution:
+        given: dict[str, Any] = {} if begin is None else begin.options()
+        if begin is not None and again is not None:
+            # lost: the attitude from the fixes, the bias as it was with a sigma as at a start
+            given = {"bias0": begin.bias, "sigma0": (1.0, BIAS_SIGMA)}
+        keep = "nis" if self.options["innovations"] == "none" else self.options["innovations"]
+        return self.navigator.run(log, every=self.options["every"], innovations=keep, **given)
+
+    def _smoothed(
+        self,
+        ahead: SensorLog,
+        log: SensorLog,
+        begin: State | None,
+        again: float | None,
+        end: float,
+    ) -> Solution:
+        """Return the rows of a smoother that knows what lies ahead."""
+        assert log.gyro is not None
+        after = ahead if begin is None else _from(ahead, float(log.gyro.t[0]))
+        wide = self.navigator.smooth(self._run(after, begin, again))
+        part: Solution = wide[: np.nextafter(end, np.inf)]
+        return part
+
+    def _lost(self, sol: Solution) -> float | None:
+        """Return the time of the first of too many measurements that were refused running."""
+        most = self.options["max_rejected"]
+        if most is None or not len(sol.accepted):
+            return None
+        refused = ~sol.accepted
+        places = np.flatnonzero(sol.accepted)
+        before = refused[: places[0]].sum() if len(places) else len(refused)
+        # a run of refusals that began in the piece before
+        if self.refused and self.refused + before >= most and self.refused < most:
+            self.refused = 0
+            return float(sol.measurement_t[0])
+        run = np.convolve(refused, np.ones(most, int), "valid") if len(refused) >= most else None
+        if run is not None and (run == most).any():
+            self.refused = 0
+            return float(sol.measurement_t[int(np.argmax(run == most))])
+        self.refused = int(len(refused) - 1 - places[-1]) if len(places) else self.refused + before
+        return None
+
+
+class _Collected:
+    """Rows, measurements and health of a piece, of one solution or of several that follow."""
+
+    def __init__(self, innovations: str) -> None:
+        self.innovations = innovations
+        self.restarts: list[float] = []
+        self._rows: list[dict[str, Any]] = []
+        self._measurements: list[dict[str, Any]] = []
+        self._health: list[dict[str, Any]] = []
+        self._counts = {"samples": 0, "fixes": 0, "rejected": 0}
+        self._likelihood = 0.0
+
+    def add(self, sol: Solution, shown: Solution, *, goes_on: bool) -> None:
+        """Add a solution, and the rows that are shown of it: its own or a smoother's."""
+        first = 1 if goes_on else 0  # the last row of the one before
+        self._rows.append({name: column[first:] for name, column in shown.columns().items()})
+        measured = sol.measurement_columns()
+        if self.innovations != "none":
+            names = list(measured) if self.innovations == "full" else list(measured)[:5]
+            self._measurements.append({name: measured[name] for name in names})
+        self._health.append(health(sol))
+        self._counts["samples"] += sol.counts["samples"] - first
+        self._counts["fixes"] += sol.counts["fixes"]
+        self._counts["rejected"] += sol.counts["rejected"]
+        self._likelihood += sol.log_likelihood
+
+    def made(self) -> Made:
+        """Return all of it."""
+        tables = {"rows": _stacked(self._rows), "health": _stacked(self._health)}
+        if self._measurements:
+            tables["measurements"] = _stacked(self._measurements)
+        return Made(tables, **self._counts, log_likelihood=self._likelihood, restarts=self.restarts)
+
+
+def health(sol: Solution) -> dict[str, Any]:
+    """Return how each sensor fared: measurements, refused ones, mean NIS per degree of freedom."""
+    begin, end = float(sol.t[0]), float(sol.t[-1])
+    out: dict[str, list[Any]] = {
+        name: [] for name in ("t", "t_end", "sensor", "fixes", "rejected", "nis_per_dof")
+    }
+    for number, name in enumerate(sol.sensor_names):
+        own = sol.sensor == number
+        ratio = sol.nis[own] / sol.dof[own]
+        values = (begin, end, name, int(own.sum()), int((~sol.accepted[own]).sum()))
+        mean = float(ratio.mean()) if own.any() else np.nan
+        for column, value in zip(out.values(), (*values, mean), strict=True):
+            column.append(value)
+    return {name: np.asarray(column) for name, column in out.items()}
+
+
+def _stacked(tables: list[dict[str, Any]]) -> dict[str, Any]:
+    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+
+def _split(log: SensorLog, t: float) -> tuple[SensorLog | None, SensorLog]:
+    """Return a log up to the last gyro sample before time t, and from there on."""
+    assert log.gyro is not None
+    at = int(np.searchsorted(log.gyro.t, t, "left")) - 1
+    edge = float(log.gyro.t[max(at, 0)])
+    head = _between(log, -np.inf, edge) if at >= 1 else None
+    return head, _from(log, edge)
+
+
+def _from(log: SensorLog, t: float) -> SensorLog:
+    return _between(log, t, np.inf)
+
+
+def _between(log: SensorLog, begin: float, end: float) -> SensorLog:
+    """Return a log's rows between two gyro samples; measurements at the first belong before it."""
+    tables: dict[str, Any] = {}
+    for name, table in log.tables.items():
+        columns = parts_of(table)
+        t = columns[0]
+        keep = (t >= begin) if name == "gyro" or begin == -np.inf else (t > begin)
+        keep &= t <= end
+        if keep.any():
+            tables[name] = tuple(column[keep] for column in columns)
+    return SensorLog(epoch=log.epoch, **tables)

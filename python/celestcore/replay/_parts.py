@@ -1,0 +1,117 @@
+"""The output of a replay: a folder of tables, each in parts that are complete or not there."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from celestcore._files import replacing
+from celestcore._optional import require
+from celestcore.errors import InputError
+from celestcore.replay._checkpoint import sync_folder
+
+TABLES = ("rows", "measurements", "health")
+Columns = Mapping[str, Any]
+
+
+class Parts:
+    """Writes the parts of a replay's tables."""
+
+    def __init__(self, folder: str | os.PathLike[str], note: Mapping[str, Any]) -> None:
+        self._arrow = require("pyarrow", extra="parquet", what="writing a replay's parts")
+        self._parquet = require("pyarrow.parquet", extra="parquet", what="writing parts")
+        self.folder = Path(folder)
+        self._note = {b"celestcore": json.dumps(note).encode()}
+
+    def begin(self, complete: int) -> None:
+        """Keep the first so many parts of every table, and nothing else.
+
+        Raises
+        ------
+        InputError
+            If a new replay finds the parts of another, or parts that should be there are not.
+        """
+        if self.folder.exists() and not self.folder.is_dir():
+            raise InputError("is a file: give a folder", field="out", value=os.fspath(self.folder))
+        for table in TABLES:
+            own = self.folder / table
+            found = sorted(own.glob("part-*.parquet")) if own.is_dir() else []
+            if complete == 0 and found:
+                raise InputError(
+                    "holds the parts of another replay: give another folder, or resume",
+                    field="out",
+                    value=os.fspath(self.folder),
+                )
+            own.mkdir(parents=True, exist_ok=True)
+            for path in own.glob(".*.tmp*"):
+                path.unlink()
+            for path in found:
+                if int(path.stem.removeprefix("part-")) >= complete:
+                    path.unlink()  # after the checkpoint: it will be written again
+
+    def write(self, part: int, tables: Mapping[str, Columns]) -> None:
+        """Write one part of each table.
+
+        Raises
+        ------
+        OSError
+            If the disk is full; parts that are complete stay.
+        """
+        for table, columns in tables.items():
+            path = self.folder / table / f"part-{part:06d}.parquet"
+            made = self._arrow.table(dict(columns)).replace_schema_metadata(self._note)
+            with replacing(path) as temporary:
+                self._parquet.write_table(made, temporary, compression="zstd")
+                handle = os.open(temporary, os.O_RDONLY)
+                try:
+                    os.fsync(handle)
+                finally:
+                    os.close(handle)
+            sync_folder(path.parent)
+
+
+def read(folder: str | os.PathLike[str]) -> dict[str, dict[str, Any]]:
+    """Read what a replay has written, as far as it is complete.
+
+    Parameters
+    ----------
+    folder : path
+        The replay's `out`.
+
+    Returns
+    -------
+    dict of str to dict of str to ndarray
+        Tables ``rows`` (as `Solution.columns`), ``measurements`` (as
+        `Solution.measurement_columns`) and ``health``.
+
+    Raises
+    ------
+    InputError
+        If there is no such output.
+    MissingDependencyError
+        Without pyarrow.
+
+    Examples
+    --------
+    >>> read("nowhere")
+    Traceback (most recent call last):
+    ...
+    celestcore.errors.InputError: out, value nowhere: holds no replay
+    """
+    parquet = require("pyarrow.parquet", extra="parquet", what="reading a replay's parts")
+    root = Path(folder)
+    if not (root / "rows").is_dir():
+        raise InputError("holds no replay", field="out", value=os.fspath(folder))
+    out: dict[str, dict[str, Any]] = {}
+    for table in TABLES:
+        parts = [parquet.read_table(p) for p in sorted((root / table).glob("part-*.parquet"))]
+        names = parts[0].column_names if parts else []
+        out[table] = {
+            name: np.concatenate([part[name].to_numpy() for part in parts]) for name in names
+        }
+    return out

@@ -1,0 +1,165 @@
+"""Windows of a log joined to pieces that a filter runs over one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from queue import Queue
+from threading import Event, Thread
+from typing import Any
+
+import numpy as np
+
+from celestcore._check import FloatArray
+from celestcore._tables import parts_of
+from celestcore.log import SensorLog
+
+Tables = Mapping[str, tuple[Any, ...]]
+
+
+def windows_of(log: SensorLog, seconds: float) -> Iterator[Tables]:
+    """Yield a log that is in memory window by window."""
+    begin, end = log.span
+    parts = {name: parts_of(table) for name, table in log.tables.items()}
+    count = int((end - begin) // seconds) + 1
+    edges = begin + seconds * np.arange(1, count + 1)
+    before = dict.fromkeys(parts, 0)
+    for edge in edges:
+        window = {}
+        for name, columns in parts.items():
+            after = int(np.searchsorted(columns[0], edge))
+            window[name] = tuple(column[before[name] : after] for column in columns)
+            before[name] = after
+        yield window
+
+
+class Piece:
+    """A part of a log that a filter runs over; the first gyro sample is the last of the one before.
+
+    `ahead` is the same with what is known beyond its end, for a smoother.
+    """
+
+    def __init__(self, tables: Tables, ahead: Tables | None, epoch: str | None) -> None:
+        self.log = _log(tables, epoch)
+        self.ahead = None if ahead is None else _log(ahead, epoch)
+
+
+def _log(tables: Tables, epoch: str | None) -> SensorLog:
+    filled: dict[str, Any] = {name: parts for name, parts in tables.items() if len(parts[0])}
+    return SensorLog(epoch=epoch, **filled)
+
+
+class Splicer:
+    """Takes windows, gives pieces of whole numbers of output rows.
+
+    Measurements after the last gyro sample of a piece wait for the next one.
+    """
+
+    def __init__(self, every: int, overlap: float, epoch: str | None) -> None:
+        self.every, self.overlap, self.epoch = every, overlap, epoch
+        self._waiting: dict[str, list[tuple[Any, ...]]] = {}
+        self.reached = -np.inf
+        self.before = 0
+        """Gyro samples before that of the start: output rows are counted from there."""
+        self.late: dict[str, int] = {}
+
+    def push(self, window: Tables) -> None:
+        """Add a window; what lies before the time that was reached is counted as late."""
+        for name, columns in window.items():
+            t = np.asarray(columns[0])
+            good = t >= self.reached if name == "gyro" else t > self.reached
+            if not good.all():
+                lost = int(np.count_nonzero(~good))
+                self.late[name] = self.late.get(name, 0) + lost
+                columns = tuple(column[good] for column in columns)
+            if len(columns[0]):
+                self._waiting.setdefault(name, []).append(tuple(columns))
+
+    def skip(self, window: Tables) -> None:
+        """Add a window that had been read before a checkpoint: what was done is left out."""
+        late = dict(self.late)
+        self.push(window)
+        self.late = late
+
+    def look(self) -> SensorLog | None:
+        """Return all that waits as a log, None without a gyro sample."""
+        joined = {name: _joined(parts) for name, parts in self._waiting.items()}
+        return _log(joined, self.epoch) if "gyro" in joined else None
+
+    def take(self, *, last: bool) -> Piece | None:
+        """Return the next piece, None if there is not enough for one."""
+        joined = {name: _joined(parts) for name, parts in self._waiting.items()}
+        gyro = joined.get("gyro")
+        if gyro is None:
+            return None
+        t = gyro[0]
+        n = len(t) if last else int(np.searchsorted(t, t[-1] - self.overlap, "right"))
+        if not last:
+            n = self.before + (n - 1 - self.before) // self.every * self.every + 1
+        if n < self.before + 2:
+            return None
+        end = float(t[n - 1])
+        self.before = 0
+        tables, rest = {}, {}
+        for name, columns in joined.items():
+            cut = n if name == "gyro" else int(np.searchsorted(columns[0], end, "right"))
+            cut = len(columns[0]) if last else cut
+            tables[name] = tuple(column[:cut] for column in columns)
+            keep = n - 1 if name == "gyro" else cut
+            rest[name] = tuple(column[keep:] for column in columns)
+        self._waiting = {name: [columns] for name, columns in rest.items() if len(columns[0])}
+        self.reached = end
+        return Piece(tables, joined if self.overlap > 0.0 else None, self.epoch)
+
+
+def _joined(parts: list[tuple[Any, ...]]) -> tuple[Any, ...]:
+    if len(parts) == 1:
+        return parts[0]
+    return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
+
+
+class Ahead:
+    """Reads the next window while the last one is used."""
+
+    def __init__(self, windows: Iterable[Tables]) -> None:
+        self._queue: Queue[tuple[str, Any]] = Queue(maxsize=1)
+        self._stop = Event()
+        self._thread = Thread(target=self._read, args=(iter(windows),), daemon=True)
+        self._thread.start()
+
+    def _put(self, item: tuple[str, Any]) -> bool:
+        while not self._stop.is_set():
+            try:
+                self._queue.put(item, timeout=0.1)
+            except Exception:
+                continue
+            return True
+        return False
+
+    def _read(self, windows: Iterator[Tables]) -> None:
+        try:
+            for window in windows:
+                if not self._put(("window", window)):
+                    return
+            self._put(("end", None))
+        except BaseException as error:
+            self._put(("error", error))
+
+    def __iter__(self) -> Iterator[Tables]:
+        while True:
+            kind, item = self._queue.get()
+            if kind == "end":
+                return
+            if kind == "error":
+                raise item
+            yield item
+
+    def close(self) -> None:
+        """Stop reading."""
+        self._stop.set()
+        self._thread.join(timeout=5.0)
+
+
+def span_of(log: SensorLog) -> FloatArray:
+    """Return the gyro's times of a piece."""
+    assert log.gyro is not None
+    return log.gyro.t
