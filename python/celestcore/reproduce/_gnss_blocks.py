@@ -23,7 +23,7 @@ from celestcore.reproduce._pool import Job, in_parallel
 Progress = Callable[[int, int, str], object]
 Scores = dict[str, GnssStarScores]
 
-CHUNK, LONG_CHUNK = 50, 25
+CHUNK, LONG_CHUNK = 50, 34
 """Runs of one campaign: of 20 minutes, and of three orbits with a gyro."""
 OBSERVED = 5
 """Runs that are asked what they saw of the slow error: it hardly differs from run to run."""

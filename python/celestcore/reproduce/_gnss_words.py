@@ -225,7 +225,7 @@ def lead(result: Result) -> str:
         f"Position {position[0]:.2f} m (1 m GPS) and {position[1]:.1f} m (10 m GPS) by a filter "
         f"with 20×20 gravity, {smooth[0]:.2f} and {smooth[1]:.1f} m smoothed. Pitch {pitch:.1f}″, "
         f"smoothed {smoothed:.1f}″, at either level, from a star sensor of "
-        f"{value(result, 'pitch_star_lfe'):.1f}″; the paper says below 72″. With 5 % outliers, gated, "
-        f"errors grow by at most a factor {worst:.2f}, in a slew through 90° of pitch by "
+        f"{value(result, 'pitch_star_lfe'):.1f}″; the paper says below 72″. With 5 % outliers, "
+        f"gated, errors grow by at most a factor {worst:.2f}, in a slew through 90° of pitch by "
         f"{slew_ratio(result):.2f}, where the paper's Euler filters fail."
     )
