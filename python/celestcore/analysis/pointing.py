@@ -23,7 +23,7 @@ __all__ = ["NadirPointing", "nadir_pointing"]
 
 Array = NDArray[np.float64]
 
-STEERED = 1.0 * DEG
+STEERED = 0.05 * DEG
 """Rms angle to the geodetic frame above which a body is not taken to steer there."""
 BLOCK = 600.0
 """Length of the parts whose means tell the uncertainty of the time offset [s]."""
