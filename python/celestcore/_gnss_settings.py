@@ -150,12 +150,12 @@ def _filter(settings: Settings) -> Any:
 
 
 def _fading(values: Mapping[str, Any], table: str, prefix: str) -> GaussMarkov | None:
-    """Return an error that fades: both its sigma and its tau, or none."""
+    """Return an error that fades: both its sigma and its tau, or none. A sigma of 0 is none."""
     from celestcore.gnss import GaussMarkov
 
     keys = (f"{prefix}_sigma", f"{prefix}_tau")
     given = [key for key in keys if key in values]
-    if not given:
+    if not given or values.get(keys[0]) == 0.0:
         return None
     if len(given) == 1:
         raise InputError(f"needs both {keys[0]} and {keys[1]}", field=f"{table}.{given[0]}")

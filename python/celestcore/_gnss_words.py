@@ -102,7 +102,7 @@ def rows(result: dict[str, Any]) -> list[tuple[str, str]]:
         out += _innovation_rows(name, kind)
     out.append(("orbit restarts / fixes unused / missing", _counts(result)))
     for found in result["withheld"]:
-        what = f"predicted over {spell_time(found['window_s'])}"
+        what = f"{spell_time(found['window_s'])} ahead"
         error = [found[f"error_{key}_m"] for key in ("rms", "median", "max")]
         out.append((f"{what}: error rms median max [m]", numbers(error)))
         cover = f"{found['sigma_median_m']:.3g}  {100.0 * found['inside_95']:.3g} %"
@@ -132,7 +132,7 @@ def _innovation_rows(name: str, kind: dict[str, Any]) -> list[tuple[str, str]]:
 def _pointing_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     out = [
         (
-            "off the geodetic nadir, std roll pitch yaw [deg]",
+            "off geodetic nadir, std roll pitch yaw [deg]",
             "  ".join(f"{value:.2g}" for value in found["std_deg"]),
         ),
         (

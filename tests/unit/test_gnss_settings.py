@@ -46,6 +46,8 @@ def test_keys_of_the_receiver(key: str, value: Any, wanted: GnssReceiver) -> Non
 def test_the_receivers_bias() -> None:
     bias = {"bias_sigma": 2.0, "bias_tau": 600}
     assert navigator(gnss=bias).gnss.bias == GaussMarkov(2.0, 600.0)
+    own = Settings.from_dict({"gnss": {"sigma": 1.0, **bias}})
+    assert own.merged({"gnss": {"bias_sigma": 0}}).gnss_navigator().gnss.bias is None
 
 
 def test_max_rejected() -> None:
