@@ -70,7 +70,8 @@ def replay(
         typer.Option(
             "--filter",
             metavar="KIND",
-            help="ekf, ukf, srukf, iterated, invariant or literal; the log's, or ekf.",
+            help="ekf, ukf, srukf, or without GNSS fixes iterated, invariant or literal; the "
+            "log's, or ekf.",
         ),
     ] = None,
     smooth: Annotated[

@@ -120,7 +120,7 @@ def _innovation(
         value = seen.innovation[rows, k] / unit
         band = 3.0 * seen.sigma[rows, k] / unit
         inside = np.abs(value[used]) <= band[used]
-        ax.set_title(f"Innovation, {kind} {axis}: {_percent(inside)} in ±3 sigma")
+        ax.set_title(f"{kind} {axis}: {_percent(inside)} in ±3 sigma")
         if k == 0:
             ax.set_ylabel(f"innovation [{name}]")
         limit = 1.25 * max(float(np.percentile(band, 90)), _top(np.abs(value[used])))

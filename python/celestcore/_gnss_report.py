@@ -140,7 +140,7 @@ def _run_table(replay: GnssReplay, result: Mapping[str, Any], command: str | Non
         ("Log", str(result["log"] or "unnamed")),
         ("Start (t = 0)", replay.solution.epoch),
         ("Length", spell_time(result["span_s"])),
-        words.rows(dict(result))[0],
+        ("Filter", words.rows(dict(result))[0][1]),
         *words.settings_words(replay.navigator).items(),
         ("Missing measurements (NaN)", f"{result['counts']['missing']:,}"),
         ("Orbit filter started again at", restarts or "never"),
