@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from celestcore.analysis import NadirPointing, nadir_pointing
 
+pytest.importorskip("erfa")
+
 
 @pytest.fixture(scope="module")
 def found() -> NadirPointing:

@@ -10,6 +10,8 @@ from celestcore.gnss import GaussMarkov, GnssReceiver, GnssStarScenario, GnssSta
 
 FORCE = cc.orbit.ForceModel(gravity=20)
 
+pytest.importorskip("erfa")
+
 
 @pytest.fixture(scope="module")
 def trial() -> GnssStarTrial:
