@@ -70,7 +70,7 @@ def replay(
         typer.Option(
             "--filter",
             metavar="KIND",
-            help="ekf, ukf, srukf, or without GNSS fixes iterated, invariant or literal; the "
+            help="ekf, ukf, or without GNSS fixes srukf, iterated, invariant or literal; the "
             "log's, or ekf.",
         ),
     ] = None,

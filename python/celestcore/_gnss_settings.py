@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from celestcore.orbit import OrbitDynamics
 
 TABLES = ("gnss", "orbit", "attitude", "lfe")
-FILTERS = ("ekf", "ukf", "srukf")
+FILTERS = ("ekf", "ukf")
 FIELDS = ("JGM-3", "EGM2008")
 GATE = 0.9999
 """What a good fix passes with unless ``[gate]`` says otherwise: an orbit filter needs a gate."""
@@ -133,8 +133,7 @@ def _filter(settings: Settings) -> Any:
     kind = values.get("kind", "ekf")
     if kind not in FILTERS:
         raise InputError(
-            f"is a filter of gyro and star camera; with GNSS fixes it must be one of "
-            f"{', '.join(FILTERS)}",
+            f"goes with gyro and star camera; with GNSS fixes it must be {' or '.join(FILTERS)}",
             field="filter.kind",
             value=kind,
         )
