@@ -70,8 +70,7 @@ def replay(
         typer.Option(
             "--filter",
             metavar="KIND",
-            help="ekf, ukf, or without GNSS fixes srukf, iterated, invariant or literal; the "
-            "log's, or ekf.",
+            help="ekf, ukf, and without GNSS srukf, iterated, invariant, literal; log's, or ekf.",
         ),
     ] = None,
     smooth: Annotated[
@@ -96,18 +95,12 @@ def replay(
         typer.Option(
             "--withhold",
             metavar="S",
-            help="Also hide the fixes for windows of S seconds, and tell the drift; with GNSS "
-            "fixes it is 60 and 600 anyhow.",
+            help="Also hide fixes for windows of S seconds, and tell the drift; GNSS: 60 and 600.",
         ),
     ] = None,
     output: Annotated[
         Optional[Path],  # noqa: UP045
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="OUT.parquet",
-            help="Write the solution; with GNSS fixes .npz or .csv, too.",
-        ),
+        typer.Option("--output", "-o", metavar="OUT.parquet", help="Solution; GNSS: .npz, .csv."),
     ] = None,
     report: Annotated[
         Optional[Path],  # noqa: UP045
