@@ -225,6 +225,25 @@ def celestial_orbit(
     _reproduce("celestial-orbit", runs, seed, threads, quick, json_file, out)
 
 
+@published.command(
+    "gnss-star",
+    epilog="Example: celestcore reproduce gnss-star --out gnss --json gnss.json",
+)
+def gnss_star(
+    runs: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option("--runs", metavar="N", help="Runs a cell; 100, with --quick 2."),
+    ] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    json_file: Figures = None,
+    out: Out = None,
+    quick: Quick = False,
+) -> None:
+    """GPS and star sensor: Tables 1 and 2 and Figures 3 to 7 of Zhang, Chen and Wang (2019)."""
+    _reproduce("gnss-star", runs, seed, threads, quick, json_file, out)
+
+
 def _reproduce(experiment: str, *options: Any) -> None:
     from celestcore.reproduce._command import Reproduce
 

@@ -11,6 +11,7 @@ from celestcore import quaternion
 from celestcore._check import FloatArray, warn
 from celestcore._replay import BIAS_SIGMA
 from celestcore.errors import InputError
+from celestcore.gnss._attitude_start import FIRST, agreeing
 from celestcore.gnss._orbit import COLUMNS, ROWS
 from celestcore.gnss.attitude import gps_attitude
 
@@ -110,12 +111,27 @@ def gyro_inputs(nav: GnssStarNavigator, table: GyroTable, stops: FloatArray) -> 
     )
 
 
+def _turns(stops: FloatArray, gyro: FloatArray, t: FloatArray) -> FloatArray:
+    """Return how the body has turned from the first stop to each of some stops (n, 4)."""
+    last = int(np.searchsorted(stops, t[-1]))
+    steps = quaternion.exp(gyro[:last, :3] * np.diff(stops[: last + 1])[:, None])
+    turned = [np.array([1.0, 0.0, 0.0, 0.0])]
+    for step in steps:
+        turned.append(quaternion.multiply(turned[-1], step))
+    return np.array(turned)[np.searchsorted(stops, t)]
+
+
 class AttitudeRun:
     """Runs of the attitude filter over one log."""
 
     def __init__(self, nav: GnssStarNavigator, fixes: AttitudeFixes, period: float) -> None:
         self.nav, self.fixes, self.period = nav, fixes, period
         self.core = nav._attitude_core()
+        self.noise = fixes.noise
+
+    def blur(self, variance: FloatArray) -> None:
+        """Add the variance of the frame that the fixes are taken to, alike about all axes (n,)."""
+        self.noise = self.noise + variance[:, None] * np.equal(ROWS, COLUMNS)
 
     @property
     def weights(self) -> FloatArray:
@@ -155,13 +171,14 @@ class AttitudeRun:
             if frames is None
             else quaternion.multiply(quaternion.conjugate(frames[1]), fixes.q)
         )
+        inside = self._good(inside, q, stops, gyro)
         start = self._start(float(stops[0]), inside, q, gyro)
         out: dict[str, Any] = self.core.run(
             (np.ascontiguousarray(stops), np.ascontiguousarray(wanted), gyro),
             (
                 np.ascontiguousarray(fixes.t[inside]),
                 np.ascontiguousarray(q[inside]),
-                np.ascontiguousarray(fixes.noise[inside]),
+                np.ascontiguousarray(self.noise[inside]),
                 np.ascontiguousarray(self.weights[inside]),
             ),
             start,
@@ -173,6 +190,19 @@ class AttitudeRun:
         )
         out["fix"] = inside[out["row"]]
         return out
+
+    def _good(self, inside: Any, q: FloatArray, stops: FloatArray, gyro: FloatArray | None) -> Any:
+        """Leave out those of the first fixes that the others contradict."""
+        if self.nav.gate == 1.0:
+            return inside
+        first = inside[:FIRST]
+        t, turned = self.fixes.t[first], q[first]
+        if gyro is not None:
+            turned = quaternion.multiply(turned, quaternion.conjugate(_turns(stops, gyro, t)))
+        sigma = np.sqrt(self.noise[first][:, np.equal(ROWS, COLUMNS)].max(axis=1))
+        jerk, degree = (self.nav.attitude.jerk_psd, 2) if gyro is None else (0.0, 1)
+        good = agreeing(t, turned, sigma, jerk, degree)
+        return np.concatenate([first[good], inside[FIRST:]])
 
     def _start(
         self, t: float, inside: Any, q: FloatArray, gyro: FloatArray | None

@@ -105,6 +105,8 @@ class Consensus:
             rank = (int(good.sum()), -cost, candidate)
             if key not in sets or rank[:2] > sets[key][:2]:
                 sets[key] = rank
+            if good.all():
+                break  # no other candidate can have more, and the fit to all is the same
         ranked = sorted(sets.items(), key=lambda item: item[1][:2], reverse=True)
         refined = []
         for key, (_, _, candidate) in ranked[:REFINED]:

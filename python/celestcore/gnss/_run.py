@@ -178,12 +178,26 @@ def _attitude(
     if nav.gyro is None:
         q_io = frames.q_io
         at = np.searchsorted(stops.t, fixes.t)
+        run.blur(_frame_variance(frames.orbit, at))
         out = run.run(stops.t, stops.wanted, (q_io, q_io[at]), None, o, back)
         out["q"] = quaternion.multiply(q_io[stops.wanted], out["state"][:, :4])
         out["rate"] = out["state"][:, 4:7] + _frame_rate(nav, log.epoch, frames, stops, out, o)
         return out
     assert log.gyro is not None
     return _driven(run, log.gyro, stops, o, back)
+
+
+def _frame_variance(orbit: OrbitPass, at: Any) -> FloatArray:
+    """Variance of the orbital frame's direction at some stops (n,) [rad^2].
+
+    While the orbit is still being found its frame turns to and fro, which is no motion of the body.
+    """
+    state, sigma = orbit.state[at], orbit.sigma[at]
+    parts = [
+        sigma[:, axes].max(axis=1) / np.linalg.norm(state[:, axes], axis=1)
+        for axes in (slice(0, 3), slice(3, 6))
+    ]
+    return np.asarray(parts[0] ** 2 + parts[1] ** 2)
 
 
 def _driven(

@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 STDOUT = "-"
 PAGE = "index.html"
 RESULT = "result.json"
-EXPERIMENTS = {"star-gyro": ("star_gyro", ""), "celestial-orbit": ("celestial_orbit", "_orbit")}
+EXPERIMENTS = {
+    "star-gyro": ("star_gyro", ""),
+    "celestial-orbit": ("celestial_orbit", "_orbit"),
+    "gnss-star": ("gnss_star", "_gnss"),
+}
 """Of each experiment the module that runs it, and what the names of its other parts begin with."""
 
 
