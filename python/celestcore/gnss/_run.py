@@ -288,6 +288,7 @@ def _solution(
         filter=nav.filter.kind,
         orbit_covariance=orbit.covariance,
         restarts=orbit.restarts,
+        attitude_restarts=[] if attitude is None else attitude["restarts"],
         smoothed=back,
         elapsed_s=orbit.elapsed_s + (0.0 if attitude is None else attitude["elapsed_s"]),
         log_likelihood=orbit.log_likelihood

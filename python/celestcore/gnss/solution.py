@@ -219,6 +219,8 @@ class GnssStarSolution:
         positions, velocities, star and baseline fixes, rejected ones of each, missing rows.
     restarts : list of float
         Times at which the orbit filter lost the fixes and started again [s].
+    attitude_restarts : list of float
+        The same of the attitude filter.
     epoch, filter : str
     smoothed : bool
     elapsed_s : float
@@ -256,6 +258,7 @@ class GnssStarSolution:
     attitude_covariance: FloatArray | None = None
     lfe: LfeReport | None = None
     restarts: list[float] = field(default_factory=list)
+    attitude_restarts: list[float] = field(default_factory=list)
     smoothed: bool = False
     elapsed_s: float = 0.0
     log_likelihood: float = np.nan
