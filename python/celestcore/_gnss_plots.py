@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,15 +34,24 @@ if TYPE_CHECKING:
     from matplotlib.gridspec import SubplotSpec
 
     from celestcore._gnss_replay import GnssReplay
-    from celestcore.gnss import Innovations
+    from celestcore.gnss import GnssStarSolution, Innovations
 
 UNITS = {"position": (1.0, "m"), "velocity": (1e-3, "mm/s")}
-Draw = Callable[["GnssReplay", TimeAxis, "Figure", "SubplotSpec"], "list[Axes]"]
+Draw = Callable[["GnssReplay | Drawn", TimeAxis, "Figure", "SubplotSpec"], "list[Axes]"]
 
 __all__ = ["figure", "panels", "save"]
 
 
-def panels(replay: GnssReplay) -> tuple[str, ...]:
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A solution without tests of it, to be drawn."""
+
+    solution: GnssStarSolution
+    withheld: tuple[Any, ...] = ()
+    pointing: Any = None
+
+
+def panels(replay: GnssReplay | Drawn) -> tuple[str, ...]:
     """Return the names of the panels that there is something for."""
     sol = replay.solution
     kinds = [name for name in sol.counts if f"{name}_rejected" in sol.counts]
@@ -52,7 +62,9 @@ def panels(replay: GnssReplay) -> tuple[str, ...]:
     return (*innovations, *nis, *withheld, *pointing, "sigma")
 
 
-def figure(replay: GnssReplay, names: tuple[str, ...] | None = None, *, width: float = 11.0) -> Any:
+def figure(
+    replay: GnssReplay | Drawn, names: tuple[str, ...] | None = None, *, width: float = 11.0
+) -> Any:
     """Draw panels of a replay, one below the other.
 
     Parameters
@@ -101,14 +113,14 @@ def _draw(name: str) -> Draw:
     return {"pointing": _pointing, "sigma": _sigma}[kind]
 
 
-def _seen(replay: GnssReplay, kind: str) -> tuple[Innovations, Any]:
+def _seen(replay: GnssReplay | Drawn, kind: str) -> tuple[Innovations, Any]:
     """Return innovations and which of them are of this kind."""
     seen = replay.solution.gnss if kind in UNITS else replay.solution.attitude
     return seen, np.flatnonzero(seen.kind == kind)
 
 
 def _innovation(
-    kind: str, replay: GnssReplay, time: TimeAxis, fig: Figure, place: SubplotSpec
+    kind: str, replay: GnssReplay | Drawn, time: TimeAxis, fig: Figure, place: SubplotSpec
 ) -> list[Axes]:
     seen, rows = _seen(replay, kind)
     unit, name = UNITS.get(kind, (ARCSEC, "arcsec"))
@@ -135,7 +147,7 @@ def _innovation(
 
 
 def _nis(
-    kind: str, replay: GnssReplay, time: TimeAxis, fig: Figure, place: SubplotSpec
+    kind: str, replay: GnssReplay | Drawn, time: TimeAxis, fig: Figure, place: SubplotSpec
 ) -> list[Axes]:
     seen, rows = _seen(replay, kind)
     ax = fig.add_subplot(place)
@@ -155,7 +167,7 @@ def _nis(
 
 
 def _withheld(
-    k: int, replay: GnssReplay, time: TimeAxis, fig: Figure, place: SubplotSpec
+    k: int, replay: GnssReplay | Drawn, time: TimeAxis, fig: Figure, place: SubplotSpec
 ) -> list[Axes]:
     found = replay.withheld[k]
     ax = fig.add_subplot(place)
@@ -168,7 +180,9 @@ def _withheld(
     return [ax]
 
 
-def _pointing(replay: GnssReplay, time: TimeAxis, fig: Figure, place: SubplotSpec) -> list[Axes]:
+def _pointing(
+    replay: GnssReplay | Drawn, time: TimeAxis, fig: Figure, place: SubplotSpec
+) -> list[Axes]:
     found = replay.pointing
     assert found is not None
     ax = fig.add_subplot(place)
@@ -182,7 +196,9 @@ def _pointing(replay: GnssReplay, time: TimeAxis, fig: Figure, place: SubplotSpe
     return [ax]
 
 
-def _sigma(replay: GnssReplay, time: TimeAxis, fig: Figure, place: SubplotSpec) -> list[Axes]:
+def _sigma(
+    replay: GnssReplay | Drawn, time: TimeAxis, fig: Figure, place: SubplotSpec
+) -> list[Axes]:
     sol = replay.solution
     ax = fig.add_subplot(place)
     for k, (colour, name) in enumerate(AXES_COLOURS):
@@ -198,7 +214,9 @@ def _sigma(replay: GnssReplay, time: TimeAxis, fig: Figure, place: SubplotSpec) 
     return [ax]
 
 
-def _finish(ax: Axes, replay: GnssReplay, time: TimeAxis, *, wide: bool, label: bool) -> None:
+def _finish(
+    ax: Axes, replay: GnssReplay | Drawn, time: TimeAxis, *, wide: bool, label: bool
+) -> None:
     """Give a panel its time axis, the restarts and the common looks."""
     for k, t in enumerate(replay.solution.restarts):
         words = "orbit filter started again" if k == 0 and wide else None

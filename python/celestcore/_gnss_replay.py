@@ -231,16 +231,7 @@ def _plain(value: Any) -> Any:
 def write_solution(path: Path, solution: GnssStarSolution, log: SensorLog) -> None:
     """Write the solution's columns as .parquet, .npz or .csv; whole or not at all."""
     columns = solution.columns()
-    note = {
-        "version": package_version(),
-        "title": log.title,
-        "filter": solution.filter,
-        "smoothed": solution.smoothed,
-        "epoch": solution.epoch,
-        "inertial": "GCRS",
-        "units": "s, m, m/s, rad, rad/s",
-        "quaternion": "q_ib, body to inertial, Hamilton, scalar first",
-    }
+    note = {**solution.metadata(), "title": log.title}
     with replacing(path) as temporary:
         if path.suffix.lower() == ".parquet":
             arrow = require("pyarrow", extra="parquet", what="writing Parquet")

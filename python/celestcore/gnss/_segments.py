@@ -1,4 +1,4 @@
-"""A filter over a log in segments: where it refuses all for long, it starts again from the fixes."""
+"""A filter over a log in segments: where it refuses all for long, it starts again."""
 
 from __future__ import annotations
 
