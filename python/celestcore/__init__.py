@@ -32,6 +32,7 @@ from celestcore import (
     gnss,
     orbit,
     quaternion,
+    replay,
     simulate,
     wahba,
 )
@@ -124,6 +125,7 @@ __all__ = [
     "orbit",
     "quaternion",
     "read_log",
+    "replay",
     "sample",
     "sample_names",
     "sample_path",

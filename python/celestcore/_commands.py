@@ -24,7 +24,7 @@ from celestcore.units import ARCSEC, DEG_PER_HOUR
 
 app = typer.Typer(
     name="celestcore",
-    help="Attitude of spacecraft from gyros and star cameras.",
+    help="Attitude and orbit of spacecraft from their sensors.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -37,7 +37,7 @@ Log = Annotated[
 ]
 Sample = Annotated[
     Optional[str],  # noqa: UP045
-    typer.Option("--sample", metavar="NAME", help="A log that celestcore ships, e.g. fermi."),
+    typer.Option("--sample", metavar="NAME", help="A log that celestcore ships: fermi, noaa20."),
 ]
 
 
@@ -70,7 +70,7 @@ def replay(
         typer.Option(
             "--filter",
             metavar="KIND",
-            help="ekf, ukf, srukf, iterated, invariant or literal; the log's, or ekf.",
+            help="ekf, ukf, and without GNSS srukf, iterated, invariant, literal; log's, or ekf.",
         ),
     ] = None,
     smooth: Annotated[
@@ -88,19 +88,19 @@ def replay(
     ] = None,
     period: Annotated[
         Optional[float],  # noqa: UP045
-        typer.Option("--period", metavar="S", help="Output period in s; every gyro sample."),
+        typer.Option("--period", metavar="S", help="Output period in s; every sample or fix."),
     ] = None,
     withhold: Annotated[
         Optional[float],  # noqa: UP045
         typer.Option(
             "--withhold",
             metavar="S",
-            help="Also hide the fixes for windows of S seconds, and tell the drift.",
+            help="Also hide fixes for windows of S seconds, and tell the drift; GNSS: 60 and 600.",
         ),
     ] = None,
     output: Annotated[
         Optional[Path],  # noqa: UP045
-        typer.Option("--output", "-o", metavar="OUT.parquet", help="Write the solution."),
+        typer.Option("--output", "-o", metavar="OUT.parquet", help="Solution; GNSS: .npz, .csv."),
     ] = None,
     report: Annotated[
         Optional[Path],  # noqa: UP045
@@ -111,12 +111,19 @@ def replay(
         typer.Option("--json", metavar="FILE", help="Write the summary; - for standard output."),
     ] = None,
 ) -> None:
-    """Estimate attitude and gyro bias over a whole log."""
+    """Estimate attitude and gyro bias, or orbit and attitude, over a whole log."""
     request = cli.Replay(
         log, sample, kind, config, gate, period, withhold, output, report, json_file, smooth
     )
     request.check()
     sensors, settings = request.load()
+    if request.by_gnss(sensors, settings):
+        from celestcore._gnss_command import replay_gnss
+
+        with _progress() as advance:
+            replayed = request.run_gnss(sensors, settings, advance)
+        replay_gnss(request, sensors, replayed, shlex.join(_command()))
+        return
     with _progress() as advance:
         solution = request.run(sensors, settings, advance)
     with Console(stderr=True).status("hiding fixes, window by window"):

@@ -61,10 +61,11 @@ def extremes(y: Array, bins: int = BINS) -> NDArray[np.intp]:
     n = len(y)
     if n <= 2 * bins:
         return np.arange(n)
-    size = n // bins
+    size = -(-n // bins)  # rounded up: what is left over is less than a bin
+    bins = n // size
     blocks = y[: size * bins].reshape(bins, size)
     start = np.arange(bins) * size
-    tail = np.arange(size * bins, n)[-size:]
+    tail = np.arange(size * bins, n)
     rest = tail[[int(np.argmin(y[tail])), int(np.argmax(y[tail]))]] if len(tail) else tail
     picked = [start + blocks.argmin(axis=1), start + blocks.argmax(axis=1), rest, [0, n - 1]]
     return np.unique(np.concatenate(picked))

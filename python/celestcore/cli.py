@@ -23,12 +23,14 @@ from celestcore.errors import CelestcoreError, CelestcoreWarning, InputError
 from celestcore.units import ARCSEC, DEG_PER_HOUR_PER_SQRT_HOUR, DEG_PER_SQRT_HOUR
 
 if TYPE_CHECKING:
+    from celestcore._gnss_replay import GnssReplay
     from celestcore.analysis import WithheldDrift
     from celestcore.config import Settings
     from celestcore.log import SensorLog
     from celestcore.solution import Solution
 
 STDOUT = "-"
+ENDINGS = (".parquet", ".npz", ".csv")
 INTERRUPTED = 130
 GAP_STEPS = 3.0  # in medians: longer steps count as gaps in `info`
 Progress = Callable[[int, int], None]
@@ -134,10 +136,6 @@ class Replay:
         MissingDependencyError
             If a package that an output needs is not installed.
         """
-        if self.smooth and self.period is not None:
-            raise InputError(
-                "does not go with --smooth, which writes at gyro samples", field="--period"
-            )
         targets: dict[Path, str] = {}
         for option, path in self._outputs():
             target = check_output(path, option)
@@ -146,9 +144,15 @@ class Replay:
             targets[target] = option
             self._check_not_input(target, option)
         if self.output is not None:
-            if self.output.suffix.lower() != ".parquet":
-                raise InputError(f"must end in .parquet, not {self.output}", field="--output")
-            require("pyarrow.parquet", extra="parquet", what="writing Parquet")
+            ending = self.output.suffix.lower()
+            if ending not in ENDINGS:
+                raise InputError(
+                    f"must end in .parquet (.npz or .csv, too, for logs with GNSS fixes), not "
+                    f"{self.output}",
+                    field="--output",
+                )
+            if ending == ".parquet":
+                require("pyarrow.parquet", extra="parquet", what="writing Parquet")
         if self.report is not None:
             from celestcore.report import kind
 
@@ -176,9 +180,12 @@ class Replay:
         from celestcore.config import Settings
 
         log = load_log(self.log, self.sample)
-        if log.gyro is None:
+        if log.gyro is None and log.gnss is None:
             holds = ", ".join(log.tables)
-            raise InputError(f"this log has no gyro to replay; it holds {holds}", field="gyro")
+            raise InputError(
+                f"this log has neither a gyro nor GNSS fixes to replay; it holds {holds}",
+                field="gyro",
+            )
         settings = Settings.from_log(log)
         if self.config is not None:
             settings = settings.merged(Settings.from_toml(self.config))
@@ -187,7 +194,41 @@ class Replay:
             options["filter"] = {"kind": self.filter}
         if self.gate is not None:
             options["gate"] = {"probability": self.gate}
-        return log, settings.merged(options)
+        settings = settings.merged(options)
+        if not self.by_gnss(log, settings):
+            self._check_by_gyro()
+        return log, settings
+
+    @staticmethod
+    def by_gnss(log: SensorLog, settings: Settings) -> bool:
+        """Tell whether the log is one for the GNSS and star navigator."""
+        from celestcore import _gnss_replay
+
+        return _gnss_replay.wanted(log, settings)
+
+    def _check_by_gyro(self) -> None:
+        """Refuse what only a log with GNSS fixes can do."""
+        if self.smooth and self.period is not None:
+            raise InputError(
+                "does not go with --smooth, which writes at gyro samples", field="--period"
+            )
+        if self.output is not None and self.output.suffix.lower() != ".parquet":
+            raise InputError(f"must end in .parquet, not {self.output}", field="--output")
+
+    def run_gnss(
+        self, log: SensorLog, settings: Settings, progress: Progress | None = None
+    ) -> GnssReplay:
+        """Run the GNSS and star navigator and its tests."""
+        from celestcore import _gnss_replay
+
+        return _gnss_replay.run(
+            log,
+            settings,
+            smooth=self.smooth,
+            period=self.period,
+            withhold=self.withhold,
+            progress=progress,
+        )
 
     def run(self, log: SensorLog, settings: Settings, progress: Progress | None = None) -> Solution:
         """Run the filter over the log, and back over it if asked to."""
@@ -213,23 +254,39 @@ class Replay:
         settings: dict[str, str],
         command: str,
     ) -> None:
-        """Write all files beside their places first, then rename them: all or none appear."""
+        """Write solution, report and summary: all or none appear."""
+
+        def report(path: Path) -> None:
+            from celestcore.report import write_report
+
+            write_report(path, solution, result, drift=drift, settings=settings, command=command)
+
+        self._put({"--output": solution.to_parquet, "--report": report}, result)
+
+    def write_gnss(
+        self, replay: GnssReplay, log: SensorLog, result: dict[str, Any], command: str
+    ) -> None:
+        """Write solution, report and summary of a log with GNSS fixes: all or none appear."""
+        from celestcore._gnss_replay import write_solution
+
+        def report(path: Path) -> None:
+            from celestcore._gnss_report import write_report
+
+            write_report(path, replay, result, command=command)
+
+        self._put(
+            {"--output": lambda path: write_solution(path, replay.output, log), "--report": report},
+            result,
+        )
+
+    def _put(self, writers: dict[str, Callable[[Path], None]], result: dict[str, Any]) -> None:
+        """Write all files beside their places first, then rename them."""
+        text = json.dumps(result, indent=2, allow_nan=False) + "\n"
         with ExitStack() as stack:
             ready = {name: stack.enter_context(replacing(p)) for name, p in self._outputs()}
-            if "--output" in ready:
-                solution.to_parquet(ready["--output"])
-            if "--report" in ready:
-                from celestcore.report import write_report
-
-                write_report(
-                    ready["--report"],
-                    solution,
-                    result,
-                    drift=drift,
-                    settings=settings,
-                    command=command,
-                )
-            text = json.dumps(result, indent=2, allow_nan=False) + "\n"
+            for name, write in writers.items():
+                if name in ready:
+                    write(ready[name])
             if "--json" in ready:
                 ready["--json"].write_text(text, encoding="utf-8")
         if self.json == STDOUT:

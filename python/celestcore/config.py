@@ -6,14 +6,23 @@ table                 keys
 ``[log]``             title, epoch, source, licence
 ``[frames]``          inertial, body, earth
 ``[gyro]``            arw, rrw, sampling, mounting, frame, max_gap_s, gap_rate_sigma
-``[star]``,           sigma [rad] or sigma_arcsec, or covariance [rad^2]; mounting, frame
-``[star_NAME]``
+``[star]``,           sigma [rad] or sigma_arcsec, or covariance [rad^2]; mounting, frame,
+``[star_NAME]``       time_offset [s]
 ``[vector_NAME]``     sigma [rad] or sigma_deg or sigma_arcsec; mounting, frame
 ``[filter]``          kind (ekf, ukf, srukf, iterated, invariant, literal), integrator;
                       alpha, beta, kappa (ukf, srukf, literal)
 ``[gate]``            probability
 ``[start]``           sigma_attitude [rad] or sigma_attitude_arcsec; sigma_bias [rad/s]
+``[gnss]``            sigma [m], sigma_velocity [m/s], lever_arm [m], time_offset [s],
+                      bias_sigma [m], bias_tau [s], max_rejected
+``[orbit]``           gravity, field, sun, moon, drag_cd, drag_area_to_mass, srp_cr,
+                      srp_area_to_mass [m^2/kg], accel_psd [m^2/s^3], max_step [s]
+``[attitude]``        jerk_psd [rad^2/s^5], rate_sigma [rad/s], acceleration_sigma [rad/s^2]
+``[lfe]``             amplitudes [rad] or amplitudes_arcsec, period [s], fading_sigma [rad] or
+                      fading_sigma_arcsec, fading_tau [s]
 ====================  ==========================================================================
+
+The last four go with GNSS fixes, as `Settings.gnss_navigator` reads them.
 """
 
 from __future__ import annotations
@@ -22,47 +31,22 @@ import copy
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import date
 from typing import TYPE_CHECKING, Any
 
+from celestcore import _gnss_settings, _settings_sensors
 from celestcore._check import number
-from celestcore._epoch import epoch_string
+from celestcore._settings_keys import FRAMES, check_filter, checked_table
 from celestcore._tables import table_kind
 from celestcore._toml import load_toml
 from celestcore.errors import InputError
 from celestcore.sensors import Gyro, StarCamera, VectorSensor
-from celestcore.units import ARCSEC, DEG
 
 if TYPE_CHECKING:
+    from celestcore.gnss import GnssStarNavigator
     from celestcore.log import SensorLog
     from celestcore.navigator import StarGyroNavigator
 
 __all__ = ["FRAMES", "Settings"]
-
-FRAMES = ("inertial", "body", "earth")
-"""The frames that a log names."""
-
-_KEYS: dict[str, dict[str, str]] = {
-    "log": dict.fromkeys(("title", "source", "licence"), "text") | {"epoch": "epoch"},
-    "frames": dict.fromkeys(FRAMES, "text"),
-    "gyro": dict.fromkeys(("arw", "rrw", "max_gap_s", "gap_rate_sigma"), "number")
-    | {"sampling": "text", "mounting": "list", "frame": "text"},
-    "star": dict.fromkeys(("sigma", "sigma_arcsec"), "numbers")
-    | {"covariance": "list", "mounting": "list", "frame": "text"},
-    "vector": dict.fromkeys(("sigma", "sigma_deg", "sigma_arcsec"), "number")
-    | {"mounting": "list", "frame": "text"},
-    "filter": dict.fromkeys(("alpha", "beta", "kappa"), "number")
-    | {"kind": "text", "integrator": "text"},
-    "gate": {"probability": "number"},
-    "start": dict.fromkeys(("sigma_attitude", "sigma_attitude_arcsec", "sigma_bias"), "number"),
-}
-_UNITS = {"_arcsec": ARCSEC, "_deg": DEG}
-_CHOICES = {
-    "kind": ("ekf", "ukf", "srukf", "iterated", "invariant", "literal"),
-    "integrator": ("exponential", "rk4"),
-}
-_SIGMA_POINT_KEYS = ("alpha", "beta", "kappa")
-_SIGMA_POINT_KINDS = ("ukf", "srukf", "literal")
 
 
 @dataclass(frozen=True)
@@ -141,7 +125,7 @@ max_gap=None, gap_rate_sigma=0.001)
         >>> Settings.from_dict({"gyro": {"arw": 1e-6}, "star": {"sigma_arcsec": 5.0}}).gyro().arw
         1e-06
         """
-        settings = cls({str(name): _checked(str(name), t) for name, t in document.items()})
+        settings = cls({str(name): checked_table(str(name), t) for name, t in document.items()})
         settings._check_values()
         return settings
 
@@ -232,7 +216,7 @@ max_gap=None, gap_rate_sigma=0.001)
                 "add a line arw = ... to the table [gyro]",
                 field="gyro.arw",
             )
-        return _gyro(values)
+        return _settings_sensors.gyro(values)
 
     def stars(self) -> dict[str, StarCamera]:
         """Return the star cameras by table name, ``star``, ``star_1`` ...
@@ -243,7 +227,11 @@ max_gap=None, gap_rate_sigma=0.001)
         >>> sorted(two.stars())
         ['star_1', 'star_2']
         """
-        return {n: _star(n, v) for n, v in self.tables.items() if table_kind(n) == "star"}
+        return {
+            n: _settings_sensors.star(n, v)
+            for n, v in self.tables.items()
+            if table_kind(n) == "star"
+        }
 
     def vectors(self) -> dict[str, VectorSensor]:
         """Return the direction sensors by name, without ``vector_``.
@@ -265,7 +253,7 @@ max_gap=None, gap_rate_sigma=0.001)
                     f"the noise is not given; add sigma_deg = ... to the table [{name}]",
                     field=f"{name}.sigma",
                 )
-        return {n.removeprefix("vector_"): _vector(n, v) for n, v in found.items()}
+        return {n.removeprefix("vector_"): _settings_sensors.vector(n, v) for n, v in found.items()}
 
     def gate(self) -> float | None:
         """Return the probability of the chi-square gate, None for no gate.
@@ -313,7 +301,7 @@ max_gap=None, gap_rate_sigma=0.001)
         """
         from celestcore import filters
 
-        self._check_filter("ekf")
+        check_filter(self.tables.get("filter", {}), "ekf")
         options = dict(self.tables.get("filter", {}))
         kind = options.pop("kind", "ekf")
         classes = {c.kind: c for c in (getattr(filters, name) for name in filters.__all__)}
@@ -335,6 +323,13 @@ max_gap=None, gap_rate_sigma=0.001)
         """
         from celestcore.navigator import StarGyroNavigator
 
+        for name, values in self.tables.items():
+            if table_kind(name) == "star" and values.get("time_offset", 0.0) != 0.0:
+                raise InputError(
+                    "goes with GNSS fixes; here shift the times of the log",
+                    field=f"{name}.time_offset",
+                    value=values["time_offset"],
+                )
         stars = self.stars()
         single = not stars or list(stars) == ["star"]
         return StarGyroNavigator(
@@ -345,14 +340,41 @@ max_gap=None, gap_rate_sigma=0.001)
             gate=self.gate(),
         )
 
+    def gnss_navigator(self, *, gyro: bool = False) -> GnssStarNavigator:
+        """Return the navigator for GNSS and star sensors that these settings describe.
+
+        Parameters
+        ----------
+        gyro : bool
+            Whether the log has a gyro: then the one of ``[gyro]``, if it is described, drives the
+            attitude.
+
+        Returns
+        -------
+        GnssStarNavigator
+
+        Raises
+        ------
+        InputError
+            If the receiver's noise is not given, or the filter is none for orbits.
+
+        Examples
+        --------
+        >>> settings = Settings.from_dict({"gnss": {"sigma": 1.0}, "orbit": {"accel_psd": 1e-8}})
+        >>> settings.gnss_navigator().dynamics.accel_psd
+        1e-08
+        """
+        return _gnss_settings.navigator(self, gyro=gyro)
+
     def _check_values(self) -> None:
         """Let the sensors check their own settings, and check the rest."""
         if "gyro" in self.tables:
-            _gyro({"arw": 1e-9, **self.tables["gyro"]})
+            _settings_sensors.gyro({"arw": 1e-9, **self.tables["gyro"]})
         self.stars()
+        _gnss_settings.check(self.tables)
         for name, values in self.tables.items():
             if table_kind(name) == "vector":
-                _vector(name, {"sigma": 1e-9, **values})
+                _settings_sensors.vector(name, {"sigma": 1e-9, **values})
         for key, value in self.tables.get("start", {}).items():
             number(value, f"start.{key}", above=0.0)
         probability = self.gate()
@@ -362,98 +384,4 @@ max_gap=None, gap_rate_sigma=0.001)
                 field="gate.probability",
                 value=probability,
             )
-        self._check_filter()
-
-    def _check_filter(self, default: str = "") -> None:
-        """Check ``[filter]``; a file may leave the kind to the one it is merged with."""
-        values = self.tables.get("filter", {})
-        for key, known in _CHOICES.items():
-            if key in values and values[key] not in known:
-                raise InputError(
-                    f"must be one of {', '.join(known)}", field=f"filter.{key}", value=values[key]
-                )
-        kind = values.get("kind", default)
-        for key in _SIGMA_POINT_KEYS if kind and kind not in _SIGMA_POINT_KINDS else ():
-            if key in values:
-                raise InputError(
-                    "is an option of the kinds ukf, srukf and literal; set kind or remove it",
-                    field=f"filter.{key}",
-                    value=values[key],
-                )
-
-
-def _checked(name: str, values: Any) -> dict[str, Any]:
-    """Check one table's keys and types and turn its units into radians."""
-    kind = table_kind(name)
-    kind = name if kind not in ("gyro", "star", "vector") else kind
-    if kind not in _KEYS:
-        known = ", ".join(k + "_NAME" if k == "vector" else k for k in _KEYS)
-        raise InputError(f"unknown table; known are {known} and star_NAME", field=f"[{name}]")
-    if not isinstance(values, Mapping):
-        raise InputError(f"must be a table, write [{name}]", field=name, value=values)
-    out: dict[str, Any] = {}
-    for key, value in values.items():
-        where = f"{name}.{key}"
-        if key not in _KEYS[kind]:
-            raise InputError(f"unknown key; known are {', '.join(_KEYS[kind])}", field=where)
-        plain, value = _convert(str(key), value, where, _KEYS[kind][key])
-        if plain in out:
-            raise InputError(f"{plain} is given twice, in different units", field=where)
-        out[plain] = value
-    return out
-
-
-def _convert(key: str, value: Any, where: str, what: str) -> tuple[str, Any]:
-    """Return the key without its unit and the value in SI units, of the right type."""
-    tolist = getattr(value, "tolist", None)
-    value = tolist() if callable(tolist) else value
-    single = isinstance(value, int | float) and not isinstance(value, bool)
-    fits = {
-        "text": isinstance(value, str),
-        "number": single,
-        "numbers": single or isinstance(value, list | tuple),
-        "list": isinstance(value, list | tuple),
-        "epoch": isinstance(value, str | date),
-    }
-    if not fits[what]:
-        wanted = {"numbers": "a number or a list of three", "epoch": "an ISO time"}
-        raise InputError(f"must be {wanted.get(what, 'a ' + what)}", field=where, value=value)
-    if what == "epoch":
-        return key, epoch_string(value)
-    for ending, unit in _UNITS.items():
-        if key.endswith(ending):
-            return key.removesuffix(ending), _scaled(value, unit, where)
-    return key, value
-
-
-def _scaled(value: Any, unit: float, where: str) -> Any:
-    if isinstance(value, list | tuple):
-        return [number(v, where) * unit for v in value]
-    return number(value, where) * unit
-
-
-def _gyro(values: Mapping[str, Any]) -> Gyro:
-    options = dict(values)
-    if "max_gap_s" in options:
-        options["max_gap"] = options.pop("max_gap_s")
-    return Gyro(**options)
-
-
-def _star(name: str, values: Mapping[str, Any]) -> StarCamera:
-    try:
-        return StarCamera(**values)
-    except InputError as error:
-        raise _renamed(error, "star", name) from None
-
-
-def _vector(name: str, values: Mapping[str, Any]) -> VectorSensor:
-    try:
-        return VectorSensor(**values)
-    except InputError as error:
-        raise _renamed(error, "vector", name) from None
-
-
-def _renamed(error: InputError, kind: str, name: str) -> InputError:
-    if error.field is not None:
-        error.field = name + error.field.removeprefix(kind)
-    return error
+        check_filter(self.tables.get("filter", {}))

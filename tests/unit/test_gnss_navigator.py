@@ -244,6 +244,31 @@ def test_a_manoeuvre_makes_the_filter_start_again(trial):
     assert len(back) == len(sol)
 
 
+@pytest.mark.parametrize("with_gyro", [False, True])
+def test_a_star_sensor_that_moves_makes_the_attitude_start_again(with_gyro):
+    scenario = replace(SCENARIO, gyro=cc.gnss.GYRO if with_gyro else None)
+    made = scenario.trial(seed=12, trial=0)
+    star = made.log.stars["star"]
+    late, turn = star.t >= 600.0, cc.quaternion.exp([0.02, -0.01, 0.01])
+    q = star.q.copy()
+    q[late] = cc.quaternion.multiply(q[late], turn)
+    log = shifted(made.log, star=(star.t, q))
+    gyro = cc.Gyro(0.005 * cc.DEG_PER_SQRT_HOUR, 1e-9) if with_gyro else None
+    nav = cc.GnssStarNavigator(dynamics=DYNAMICS, gyro=gyro)
+    for call in (nav.run, nav.smooth):
+        with pytest.warns(cc.CelestcoreWarning, match="attitude filter refused 10 fixes running"):
+            sol = call(log, t_output=made.t)
+        assert sol.attitude_restarts == [600.0]
+        assert not sol.restarts
+        assert sol.t.tolist() == made.t.tolist()
+        truth = made.q_ib.copy()
+        truth[made.t >= 600.0] = cc.quaternion.multiply(truth[made.t >= 600.0], turn)
+        off = angle(sol.q, truth)
+        assert off[20:59].max() < 60 * cc.ARCSEC
+        assert off[80:].max() < 60 * cc.ARCSEC
+        assert len(sol.attitude) == len(star)
+
+
 def test_a_filter_that_is_lost_again_and_again_ends(trial):
     """Far too confident dynamics: many starts, every row written, and no end of none."""
     nav = cc.GnssStarNavigator(dynamics=OrbitDynamics(ForceModel.two_body(), 1e-16), max_rejected=3)

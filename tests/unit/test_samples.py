@@ -47,7 +47,7 @@ def test_unknown_sample_lists_the_known_ones() -> None:
 def test_samples_are_small_and_documented() -> None:
     folder = sample_path("fermi").parent
     assert sum(f.stat().st_size for f in folder.iterdir()) < 3_000_000
-    text = (folder / "README.md").read_text(encoding="utf-8")
+    text = (folder / "README.md").read_text(encoding="utf-8").partition("# Gravity fields")[0]
     for word in ("gbmgeometry", "1.0.7", "space_packet_parser", "6.2.0", "MIT", "BSD-3-Clause"):
         assert word in text
     logs = text.partition("# Gravity")[0]

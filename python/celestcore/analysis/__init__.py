@@ -5,7 +5,8 @@
 - `nees`, `nis`, `consistency`, `whiteness`: errors and innovations against their covariances.
 - `allan_deviation`, `fit_allan`, `plot_allan`: the noise of a gyro from its log.
 - `estimate_noise`: the noise of gyro and star camera from the innovations of a filter.
-- `withheld_drift`: how good predictions without fixes are.
+- `withheld_drift`, `withheld_orbit`: how good predictions without fixes are, of attitude and orbit.
+- `nadir_pointing`: how a body keeps to the geodetic nadir of its own GNSS fixes.
 - `posterior_bound`: the accuracy that no filter of an orbit can beat; `trade`, `plot_trade`: which
   stars, filter period, gravity and number of cameras.
 
@@ -24,6 +25,8 @@ from celestcore.analysis.bound import PosteriorBound, posterior_bound
 from celestcore.analysis.chi_square import Consistency, consistency, nees, nis
 from celestcore.analysis.drift import WithheldDrift, withheld_drift
 from celestcore.analysis.noise import NoiseEstimate, estimate_noise
+from celestcore.analysis.orbit import WithheldOrbit, withheld_orbit
+from celestcore.analysis.pointing import NadirPointing, nadir_pointing
 from celestcore.analysis.requirements import required_gyro, required_star
 from celestcore.analysis.steady import SteadyState, steady_state
 from celestcore.analysis.trade import Trade, trade
@@ -32,16 +35,19 @@ __all__ = [
     "AllanDeviation",
     "AllanFit",
     "Consistency",
+    "NadirPointing",
     "NoiseEstimate",
     "PosteriorBound",
     "SteadyState",
     "Trade",
     "Whiteness",
     "WithheldDrift",
+    "WithheldOrbit",
     "allan_deviation",
     "consistency",
     "estimate_noise",
     "fit_allan",
+    "nadir_pointing",
     "nees",
     "nis",
     "plot_allan",
@@ -54,4 +60,5 @@ __all__ = [
     "trade",
     "whiteness",
     "withheld_drift",
+    "withheld_orbit",
 ]

@@ -13,6 +13,7 @@ from celestcore._replay import BIAS_SIGMA
 from celestcore.errors import InputError
 from celestcore.gnss._attitude_start import FIRST, agreeing
 from celestcore.gnss._orbit import COLUMNS, ROWS
+from celestcore.gnss._segments import Begin, first_of_many, in_segments, listed, stacked
 from celestcore.gnss.attitude import gps_attitude
 
 if TYPE_CHECKING:
@@ -112,13 +113,13 @@ def gyro_inputs(nav: GnssStarNavigator, table: GyroTable, stops: FloatArray) -> 
 
 
 def _turns(stops: FloatArray, gyro: FloatArray, t: FloatArray) -> FloatArray:
-    """Return how the body has turned from the first stop to each of some stops (n, 4)."""
-    last = int(np.searchsorted(stops, t[-1]))
-    steps = quaternion.exp(gyro[:last, :3] * np.diff(stops[: last + 1])[:, None])
+    """Return how the body has turned from the first of some stops to each of them (n, 4)."""
+    first, last = (int(k) for k in np.searchsorted(stops, t[[0, -1]]))
+    steps = quaternion.exp(gyro[first:last, :3] * np.diff(stops[first : last + 1])[:, None])
     turned = [np.array([1.0, 0.0, 0.0, 0.0])]
     for step in steps:
         turned.append(quaternion.multiply(turned[-1], step))
-    return np.array(turned)[np.searchsorted(stops, t)]
+    return np.array(turned)[np.searchsorted(stops, t) - first]
 
 
 class AttitudeRun:
@@ -162,56 +163,94 @@ class AttitudeRun:
         back: bool,
     ) -> dict[str, Any]:
         """Run over the stops; `frames` is the orbital frame at stops and fixes, if it is used."""
-        fixes, nav = self.fixes, self.nav
-        inside = np.flatnonzero((fixes.t >= stops[0]) & (fixes.t <= stops[-1]))
-        if not len(inside):
+        fixes = self.fixes
+        self.stops, self.wanted, self.gyro, self.options = stops, wanted, gyro, o
+        self.q = fixes.q
+        if frames is not None:
+            self.q = quaternion.multiply(quaternion.conjugate(frames[1]), fixes.q)
+        self.used = (fixes.t >= stops[0]) & (fixes.t <= stops[-1])
+        if not self.used.any():
             raise InputError("has no fix inside the span of the log", field="star")
-        q = (
-            fixes.q
-            if frames is None
-            else quaternion.multiply(quaternion.conjugate(frames[1]), fixes.q)
-        )
-        inside = self._good(inside, q, stops, gyro)
-        start = self._start(float(stops[0]), inside, q, gyro)
+        start = self._begin(-np.inf, float(stops[0]))
+        segments, restarts = in_segments(self, stops, start, back=back)
+        if restarts:
+            warn(
+                f"the attitude filter refused {self.nav.max_rejected} fixes running and started "
+                f"again at t = {listed(restarts)} s: a turn that is faster than it is told, or a "
+                "star sensor that has moved"
+            )
+        out = stacked(segments)
+        out["restarts"] = restarts
+        return out
+
+    def rows(self, t: float) -> Any:
+        """Return the fixes that are used from time t on."""
+        return np.flatnonzero(self.used & (self.fixes.t >= t))
+
+    def times(self, rows: Any) -> FloatArray:
+        """Return times of fixes."""
+        return np.asarray(self.fixes.t[rows])
+
+    def go(self, stops: slice, start: Begin, rows: Any, *, back: bool) -> dict[str, Any]:
+        """Run the core over some of the stops."""
+        o, gyro = self.options, self.gyro
         out: dict[str, Any] = self.core.run(
-            (np.ascontiguousarray(stops), np.ascontiguousarray(wanted), gyro),
             (
-                np.ascontiguousarray(fixes.t[inside]),
-                np.ascontiguousarray(q[inside]),
-                np.ascontiguousarray(self.noise[inside]),
-                np.ascontiguousarray(self.weights[inside]),
+                np.ascontiguousarray(self.stops[stops]),
+                np.ascontiguousarray(self.wanted[stops]),
+                None if gyro is None else np.ascontiguousarray(gyro[stops]),
+            ),
+            (
+                np.ascontiguousarray(self.fixes.t[rows]),
+                np.ascontiguousarray(self.q[rows]),
+                np.ascontiguousarray(self.noise[rows]),
+                np.ascontiguousarray(self.weights[rows]),
             ),
             start,
-            nav.gate,
+            self.nav.gate,
             back,
             o["covariance"],
             o["portable"],
             o["progress"],
         )
-        out["fix"] = inside[out["row"]]
         return out
 
-    def _good(self, inside: Any, q: FloatArray, stops: FloatArray, gyro: FloatArray | None) -> Any:
+    def lost(self, out: dict[str, Any], rows: Any) -> float | None:
+        """Return the time of the first of too many fixes that were refused running."""
+        index = rows[out["row"]]
+        t = first_of_many(~out["accepted"], self.fixes.t[index], self.nav.max_rejected)
+        return t if t is not None and len(self.rows(t)) >= 3 else None
+
+    def again(self, lost: float, t: float) -> Begin | None:
+        """Return a start at time t from the fixes from `lost` on."""
+        return self._begin(lost, t)
+
+    def _begin(self, after: float, t: float) -> Begin:
+        rows = self.rows(after)
+        good = self._good(rows, self.q)
+        self.used &= ~np.isin(np.arange(len(self.used)), np.setdiff1d(rows, good))
+        return self._start(t, good, self.q)
+
+    def _good(self, inside: Any, q: FloatArray) -> Any:
         """Leave out those of the first fixes that the others contradict."""
         if self.nav.gate == 1.0:
             return inside
         first = inside[:FIRST]
-        t, turned = self.fixes.t[first], q[first]
+        t, turned, gyro = self.fixes.t[first], q[first], self.gyro
         if gyro is not None:
-            turned = quaternion.multiply(turned, quaternion.conjugate(_turns(stops, gyro, t)))
+            turned = quaternion.multiply(turned, quaternion.conjugate(_turns(self.stops, gyro, t)))
         sigma = np.sqrt(self.noise[first][:, np.equal(ROWS, COLUMNS)].max(axis=1))
         jerk, degree = (self.nav.attitude.jerk_psd, 2) if gyro is None else (0.0, 1)
         good = agreeing(t, turned, sigma, jerk, degree)
         return np.concatenate([first[good], inside[FIRST:]])
 
-    def _start(
-        self, t: float, inside: Any, q: FloatArray, gyro: FloatArray | None
-    ) -> tuple[float, FloatArray, FloatArray]:
+    def _start(self, t: float, inside: Any, q: FloatArray) -> Begin:
         """Start near the first fix, with sigmas so wide that it is not counted twice."""
         first, attitude, nav = inside[0], self.nav.attitude, self.nav
         begin = self.fixes.t[first]
-        if gyro is not None:
-            back = quaternion.exp(-gyro[0, :3] * (begin - t))
+        if self.gyro is not None:
+            rate = self.gyro[np.searchsorted(self.stops, t), :3]
+            back = quaternion.exp(-rate * (begin - t))
             head = np.concatenate([quaternion.multiply(q[first], back), np.zeros(3)])
             sigma = np.repeat([WIDE, BIAS_SIGMA], 3)
         else:

@@ -11,6 +11,7 @@ from celestcore import quaternion
 from celestcore._check import FloatArray, warn
 from celestcore.errors import InputError
 from celestcore.gnss._earth import Earth, GivenEarth
+from celestcore.gnss._segments import Begin, first_of_many, in_segments, listed, stacked
 from celestcore.gnss.start import orbit_start
 from celestcore.orbit.propagate import propagate
 
@@ -197,47 +198,28 @@ class OrbitRun:
         return t, np.append(state, np.zeros(3)), full
 
     def run(
-        self,
-        stops: FloatArray,
-        wanted: Any,
-        start: tuple[float, FloatArray, FloatArray],
-        o: dict[str, Any],
-        back: bool,
+        self, stops: FloatArray, wanted: Any, start: Begin, o: dict[str, Any], back: bool
     ) -> OrbitPass:
         """Run over the stops; where every fix is refused many times running, start again."""
-        parts: list[OrbitPass] = []
-        restarts: list[float] = []
-        begin = 0
-        while True:
-            rows = np.flatnonzero(self.used & (self.fixes.t >= start[0]))
-            out = self._pass(stops[begin:], wanted[begin:], start, rows, o, back=False)
-            lost = self._diverged(out, rows)
-            end = begin if lost is None else begin + int(np.searchsorted(stops[begin:], lost))
-            # a start of which nothing after it is believed would be found again: no use
-            again = None
-            if lost is not None and end > begin:
-                again = self._again(lost, float(stops[end]))
-            if again is None or lost is None:
-                if back:
-                    out = self._pass(stops[begin:], wanted[begin:], start, rows, o, back=True)
-                parts.append(_part(out, rows))
-                break
-            before = rows[self.fixes.t[rows] < lost]
-            head = slice(begin, end)
-            out = self._pass(stops[head], wanted[head], start, before, o, back=back)
-            parts.append(_part(out, before))
-            start, begin = again, end
-            restarts.append(float(stops[end]))
+        self.stops, self.wanted, self.options = stops, wanted, o
+        segments, restarts = in_segments(self, stops, start, back=back)
         if restarts:
             warn(
                 f"the orbit filter refused {self.nav.max_rejected} fixes running and started again "
-                f"at t = {', '.join(f'{t:.6g}' for t in restarts[:5])} s"
-                + (" ..." if len(restarts) > 5 else "")
-                + ": a manoeuvre, a jump of the receiver, or dynamics that are too confident"
+                f"at t = {listed(restarts)} s: a manoeuvre, a jump of the receiver, or dynamics "
+                "that are too confident"
             )
-        return _joined(parts, restarts)
+        return _pass(stacked(segments), restarts)
 
-    def _again(self, lost: float, t: float) -> tuple[float, FloatArray, FloatArray] | None:
+    def rows(self, t: float) -> Any:
+        """Return the fixes that are used from time t on."""
+        return np.flatnonzero(self.used & (self.fixes.t >= t))
+
+    def times(self, rows: Any) -> FloatArray:
+        """Return times of fixes."""
+        return np.asarray(self.fixes.t[rows])
+
+    def again(self, lost: float, t: float) -> Begin | None:
         """Find a start in the fixes from time `lost` on; None if no orbit fits them."""
         try:
             return self.begin(lost, t)
@@ -248,18 +230,15 @@ class OrbitRun:
             )
             return None
 
-    def _pass(
-        self,
-        stops: FloatArray,
-        wanted: Any,
-        start: Any,
-        rows: Any,
-        o: dict[str, Any],
-        *,
-        back: bool,
-    ) -> dict[str, Any]:
+    def go(self, stops: slice, start: Begin, rows: Any, *, back: bool) -> dict[str, Any]:
+        """Run the core over some of the stops."""
+        o = self.options
         out: dict[str, Any] = self.core.run(
-            (np.ascontiguousarray(stops), np.ascontiguousarray(wanted), None),
+            (
+                np.ascontiguousarray(self.stops[stops]),
+                np.ascontiguousarray(self.wanted[stops]),
+                None,
+            ),
             self.fixes.columns(rows),
             start,
             self.nav.gate,
@@ -270,27 +249,19 @@ class OrbitRun:
         )
         return out
 
-    def _diverged(self, out: dict[str, Any], rows: Any) -> float | None:
+    def lost(self, out: dict[str, Any], rows: Any) -> float | None:
         """Return the time of the first of too many positions that were refused running."""
-        most = self.nav.max_rejected
-        if most is None or self.nav.gate == 1.0:
-            return None
         index = rows[out["row"]]
         positions = ~self.fixes.velocity[index]
-        refused = ~out["accepted"][positions]
-        if len(refused) < most:
-            return None
-        run = np.convolve(refused, np.ones(most, int), "valid") == most
-        if not run.any():
-            return None
-        t = float(self.fixes.t[index][positions][int(np.argmax(run))])
+        most = self.nav.max_rejected
+        t = first_of_many(~out["accepted"][positions], self.fixes.t[index][positions], most)
         # fewer fixes than a start takes are left: nothing to start again from
-        return t if np.count_nonzero(self.fixes.epochs >= t) >= 3 else None
+        return t if t is not None and np.count_nonzero(self.fixes.epochs >= t) >= 3 else None
 
 
-def _part(out: dict[str, Any], rows: Any) -> OrbitPass:
+def _pass(out: dict[str, Any], restarts: list[float]) -> OrbitPass:
     measured = {
-        "row": rows[out["row"]],
+        "row": out["fix"],
         **{name: out[name] for name in ("nis", "accepted", "innovation", "innovation_sigma")},
     }
     size = int(np.sqrt(len(out["final_covariance"])))
@@ -306,29 +277,8 @@ def _part(out: dict[str, Any], rows: Any) -> OrbitPass:
             "state": out["final_state"],
             "covariance": out["final_covariance"].reshape(size, size),
         },
+        restarts=restarts,
         outside=out["outside"],
         log_likelihood=out["log_likelihood"],
         elapsed_s=out["elapsed_s"],
-    )
-
-
-def _joined(parts: list[OrbitPass], restarts: list[float]) -> OrbitPass:
-    """Return one pass of several that follow each other."""
-    if len(parts) == 1:
-        parts[0].restarts = restarts
-        return parts[0]
-    covariances = [p.covariance for p in parts if p.covariance is not None]
-    return OrbitPass(
-        t=np.concatenate([p.t for p in parts]),
-        state=np.concatenate([p.state for p in parts]),
-        sigma=np.concatenate([p.sigma for p in parts]),
-        covariance=np.concatenate(covariances) if covariances else None,
-        measured={
-            name: np.concatenate([p.measured[name] for p in parts]) for name in parts[0].measured
-        },
-        final=parts[-1].final,
-        restarts=restarts,
-        outside=sum(p.outside for p in parts),
-        log_likelihood=sum(p.log_likelihood for p in parts),
-        elapsed_s=sum(p.elapsed_s for p in parts),
     )

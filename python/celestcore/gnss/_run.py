@@ -188,16 +188,18 @@ def _attitude(
 
 
 def _frame_variance(orbit: OrbitPass, at: Any) -> FloatArray:
-    """Variance of the orbital frame's direction at some stops (n,) [rad^2].
+    """Variance of the orbital frame's corrections from each of some stops to the next (n,) [rad^2].
 
     While the orbit is still being found its frame turns to and fro, which is no motion of the body.
+    An error of the orbit that stays does not matter: it goes out of the attitude as it came in.
     """
     state, sigma = orbit.state[at], orbit.sigma[at]
     parts = [
         sigma[:, axes].max(axis=1) / np.linalg.norm(state[:, axes], axis=1)
         for axes in (slice(0, 3), slice(3, 6))
     ]
-    return np.asarray(parts[0] ** 2 + parts[1] ** 2)
+    known = parts[0] ** 2 + parts[1] ** 2
+    return np.append(0.0, np.maximum(known[:-1] - known[1:], 0.0))
 
 
 def _driven(
@@ -288,6 +290,7 @@ def _solution(
         filter=nav.filter.kind,
         orbit_covariance=orbit.covariance,
         restarts=orbit.restarts,
+        attitude_restarts=[] if attitude is None else attitude["restarts"],
         smoothed=back,
         elapsed_s=orbit.elapsed_s + (0.0 if attitude is None else attitude["elapsed_s"]),
         log_likelihood=orbit.log_likelihood

@@ -68,8 +68,8 @@ class GnssStarNavigator:
     gate : float
         Probability with which a good measurement passes the chi-square gate; 1 accepts all.
     max_rejected : int, optional
-        So many positions refused running end the filter's belief: it starts again from the fixes
-        there, and says so. None: never.
+        So many positions, or attitude fixes, refused running end a filter's belief: it starts
+        again from the fixes there, and says so. None: never.
 
     Raises
     ------

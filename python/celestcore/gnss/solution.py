@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from celestcore._check import FloatArray, IntArray
+from celestcore._files import replacing
 from celestcore._optional import require
 from celestcore.errors import InputError
 from celestcore.frames import Euler321, euler_321, orbital
 from celestcore.quaternion import conjugate, multiply
+from celestcore.solution import package_version
 
 __all__ = ["GnssStarSolution", "Innovations", "LfeReport"]
 
@@ -219,6 +222,8 @@ class GnssStarSolution:
         positions, velocities, star and baseline fixes, rejected ones of each, missing rows.
     restarts : list of float
         Times at which the orbit filter lost the fixes and started again [s].
+    attitude_restarts : list of float
+        The same of the attitude filter.
     epoch, filter : str
     smoothed : bool
     elapsed_s : float
@@ -256,6 +261,7 @@ class GnssStarSolution:
     attitude_covariance: FloatArray | None = None
     lfe: LfeReport | None = None
     restarts: list[float] = field(default_factory=list)
+    attitude_restarts: list[float] = field(default_factory=list)
     smoothed: bool = False
     elapsed_s: float = 0.0
     log_likelihood: float = np.nan
@@ -357,6 +363,95 @@ class GnssStarSolution:
         """
         pandas = require("pandas", extra="pandas", what="to_dataframe")
         return pandas.DataFrame(self.columns())
+
+    def metadata(self) -> dict[str, Any]:
+        """Return what a reader of the bare columns must know: epoch, frames, units, version.
+
+        Returns
+        -------
+        dict
+            Plain values, as JSON takes them.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> trial = cc.gnss.GnssStarScenario(duration=300.0).trial(seed=1, trial=0)
+        >>> cc.GnssStarNavigator().run(trial.log).metadata()["inertial"]
+        'GCRS'
+        """
+        return {
+            "version": package_version(),
+            "filter": self.filter,
+            "smoothed": self.smoothed,
+            "epoch": self.epoch,
+            "inertial": "GCRS",
+            "units": "s, m, m/s, rad, rad/s",
+            "quaternion": "q_ib, body to inertial, Hamilton, scalar first",
+        }
+
+    def to_parquet(self, path: str | Path) -> None:
+        """Write the rows to a Parquet file: the columns of `columns`, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Of the file.
+
+        Raises
+        ------
+        InputError
+            If the directory does not exist.
+        MissingDependencyError
+            If pyarrow is not installed.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> from tempfile import TemporaryDirectory
+        >>> trial = cc.gnss.GnssStarScenario(duration=300.0).trial(seed=1, trial=0)
+        >>> with TemporaryDirectory() as folder:
+        ...     cc.GnssStarNavigator().run(trial.log).to_parquet(f"{folder}/orbit.parquet")
+        """
+        arrow = require("pyarrow", extra="parquet", what="writing Parquet")
+        parquet = require("pyarrow.parquet", extra="parquet", what="writing Parquet")
+        note = {b"celestcore": json.dumps(self.metadata()).encode()}
+        with replacing(path) as temporary:
+            table = arrow.table(self.columns()).replace_schema_metadata(note)
+            parquet.write_table(table, temporary, compression="zstd")
+
+    def plot(self, panels: tuple[str, ...] | None = None, *, width: float = 11.0) -> Any:
+        """Draw innovations, NIS and sigmas over time.
+
+        Parameters
+        ----------
+        panels : tuple of str, optional
+            Some of ``innovation position``, ``nis position``, ``innovation star`` ..., ``sigma``;
+            all there is something for.
+        width : float
+            Width of the figure [inch].
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        InputError
+            If a panel is unknown.
+        MissingDependencyError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import celestcore as cc
+        >>> trial = cc.gnss.GnssStarScenario(duration=300.0).trial(seed=1, trial=0)
+        >>> figure = cc.GnssStarNavigator().run(trial.log).plot(("nis position", "sigma"))
+        >>> len(figure.axes) > 1
+        True
+        """
+        from celestcore._gnss_plots import Drawn, figure
+
+        return figure(Drawn(self), panels, width=width)
 
     def to_oem(self, path: str | Path, **names: Any) -> None:
         """Write the orbit as a CCSDS Orbit Ephemeris Message, GCRF.

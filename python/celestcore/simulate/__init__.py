@@ -20,6 +20,7 @@ True
 
 from __future__ import annotations
 
+from celestcore.simulate import faults
 from celestcore.simulate._field import StarField
 from celestcore.simulate._scenario import Scenario, Simulation, log
 from celestcore.simulate._sensors import GyroErrors, StarErrors
@@ -43,6 +44,7 @@ __all__ = [
     "attitude",
     "constant_rate",
     "earth_pointing",
+    "faults",
     "log",
     "slews",
 ]

@@ -283,6 +283,9 @@ pub fn attitude(job: AttitudeJob<'_>, start: Begin<'_>, history: &mut History, p
     if matches!(job.model, AttitudeModel::Gyro(_)) {
         lengths(job.stops.t.len(), [("gyro.rate", job.stops.gyro.len())])?;
     }
+    if job.tail.len() > TAILS[TAILS.len() - 1] {
+        return Err(too_many(job.tail.len()));
+    }
     let (tail, weights) = (padded(job.tail), widened(weights, job.tail.len(), t.len())?);
     let job = AttitudeJob { fixes: AttitudeFixes { weights: &weights, ..job.fixes }, ..job };
     let (head, error) = job.model.sizes();

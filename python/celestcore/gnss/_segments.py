@@ -1,0 +1,91 @@
+"""A filter over a log in segments: where it refuses all for long, it starts again."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from celestcore._check import FloatArray
+
+Begin = tuple[float, FloatArray, FloatArray]
+"""Time, state and covariance that a segment starts from."""
+
+
+class Runs(Protocol):
+    """What a filter must do to run in segments; rows are indices of its fixes."""
+
+    def rows(self, t: float) -> Any:
+        """Return the rows that are used from a start at time t on."""
+
+    def times(self, rows: Any) -> FloatArray:
+        """Return their times."""
+
+    def go(self, stops: slice, start: Begin, rows: Any, *, back: bool) -> dict[str, Any]:
+        """Run over some of the stops."""
+
+    def lost(self, out: dict[str, Any], rows: Any) -> float | None:
+        """Return the time from which too many are refused running."""
+
+    def again(self, lost: float, t: float) -> Begin | None:
+        """Return a start at time t from the fixes from `lost` on; None if there is none."""
+
+
+Segment = tuple[dict[str, Any], Any]
+"""The core's answer, and the rows that its own row numbers count in."""
+
+
+def in_segments(
+    runs: Runs, stops: FloatArray, start: Begin, *, back: bool
+) -> tuple[list[Segment], list[float]]:
+    """Run over all stops; return the segments and the times at which a new one began."""
+    segments: list[Segment] = []
+    restarts: list[float] = []
+    begin = 0
+    while True:
+        whole, rows = slice(begin, None), runs.rows(start[0])
+        out = runs.go(whole, start, rows, back=False)
+        lost = runs.lost(out, rows)
+        end, again = begin, None
+        # a start of which nothing after it is believed would be found again: no use
+        if lost is not None:
+            end = begin + int(np.searchsorted(stops[begin:], lost))
+            again = runs.again(lost, float(stops[end])) if end > begin else None
+        if lost is None or again is None:
+            if back:
+                out = runs.go(whole, start, rows, back=True)
+            segments.append((out, rows))
+            return segments, restarts
+        before = rows[runs.times(rows) < lost]
+        segments.append((runs.go(slice(begin, end), start, before, back=back), before))
+        start, begin = again, end
+        restarts.append(float(stops[end]))
+
+
+def first_of_many(refused: Any, t: FloatArray, most: int | None) -> float | None:
+    """Return the time of the first of `most` refused fixes running, if there are so many."""
+    if most is None or len(refused) < most:
+        return None
+    run = np.convolve(refused, np.ones(most, int), "valid") == most
+    return float(t[int(np.argmax(run))]) if run.any() else None
+
+
+def listed(restarts: list[float]) -> str:
+    """Return the first few times as words."""
+    more = " ..." if len(restarts) > 5 else ""
+    return ", ".join(f"{t:.6g}" for t in restarts[:5]) + more
+
+
+def stacked(segments: list[Segment]) -> dict[str, Any]:
+    """Return the columns of segments one after the other, and the last one's end."""
+    out = dict(segments[-1][0])
+    outs = [segment for segment, _ in segments]
+    for name in ("t", "state", "sigma", "covariance", "nis", "accepted"):
+        if name in out:
+            out[name] = np.concatenate([o[name] for o in outs])
+    for name in ("innovation", "innovation_sigma"):
+        out[name] = np.concatenate([o[name] for o in outs])
+    out["fix"] = np.concatenate([rows[o["row"]] for o, rows in segments])
+    for name in ("outside", "log_likelihood", "elapsed_s"):
+        out[name] = sum(o[name] for o in outs)
+    return out
