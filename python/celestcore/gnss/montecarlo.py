@@ -159,7 +159,7 @@ def monte_carlo(
     )
     begins, total = whole(first, "first", 56), count(trials, "trials")
     numbers = list(range(begins, begins + total))
-    job(begins)  # what all trials share is computed once, before they go to threads
+    scenario.trial(job.seed, begins)  # the flight that all share, before they go to threads
     rows = _all(job, numbers, threads, executor, (chunk, progress))
     scores = {name: _gathered(name, numbers, rows) for name in each}
     warn_of_failures(scores)
