@@ -5,7 +5,7 @@
 //! error-state Kalman filter*, 2017 (arXiv:1711.02508), equation numbers below.
 
 use crate::linalg::{Matrix, Vector, zeros};
-use crate::scalar::{Mask, Real};
+use crate::scalar::{Level, Mask, Real, Run};
 
 /// A quaternion `(w, x, y, z)`.
 pub type Quaternion<T> = [T; 4];
@@ -449,13 +449,64 @@ pub(crate) fn turn<T: Real>(rotation: &Vector<T, 3>, integrator: Integrator) -> 
 ///
 /// `dt` is one step for all rates, or one for each. `out` has one row more than `rates`.
 pub fn propagate(q0: &Quaternion<f64>, rates: &[[f64; 3]], dt: &[f64], integrator: Integrator, out: &mut [[f64; 4]]) {
-    let mut q = normalise(q0);
-    if let Some(first) = out.first_mut() {
-        *first = q;
+    let Some((first, rows)) = out.split_first_mut() else { return };
+    *first = normalise(q0);
+    Level::best().run(Propagation { q0: *first, rates, dt, integrator, rows });
+}
+
+/// Steps between two corrections of the length, which wait for each other: rounding moves it by less than one unit in
+/// the last place a step.
+const NORMALISE_EVERY: usize = 16;
+
+/// The loop of [`propagate`], at any instruction set.
+struct Propagation<'a> {
+    q0: Quaternion<f64>,
+    rates: &'a [[f64; 3]],
+    dt: &'a [f64],
+    integrator: Integrator,
+    rows: &'a mut [[f64; 4]],
+}
+
+impl Run for Propagation<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<T: Real<Mask = bool>>(self) {
+        // one loop for each case: what does not change is not asked for at every step
+        match (self.integrator, self.dt) {
+            (Integrator::Exponential, [dt]) => self.steps::<T>(
+                Integrator::Exponential,
+                #[inline(always)]
+                |_| *dt,
+            ),
+            (Integrator::Exponential, dt) => self.steps::<T>(
+                Integrator::Exponential,
+                #[inline(always)]
+                |k| dt[k],
+            ),
+            (Integrator::Rk4, dt) => self.steps::<T>(
+                Integrator::Rk4,
+                #[inline(always)]
+                |k| if let [dt] = dt { *dt } else { dt[k] },
+            ),
+        }
     }
-    for (k, (rate, row)) in rates.iter().zip(out.iter_mut().skip(1)).enumerate() {
-        let step = if dt.len() == 1 { dt[0] } else { dt[k] };
-        q = integrate(&q, rate, step, integrator);
-        *row = q;
+}
+
+impl Propagation<'_> {
+    #[inline(always)]
+    fn steps<T: Real<Mask = bool>>(self, integrator: Integrator, dt: impl Fn(usize) -> f64) {
+        let [w, x, y, z] = self.q0;
+        let mut q = [T::splat(w), T::splat(x), T::splat(y), T::splat(z)];
+        let rates = self.rates.chunks(NORMALISE_EVERY);
+        for (chunk, (rates, rows)) in rates.zip(self.rows.chunks_mut(NORMALISE_EVERY)).enumerate() {
+            q = renormalise(&q);
+            for (k, (rate, row)) in rates.iter().zip(rows).enumerate() {
+                let dt = T::splat(dt(chunk * NORMALISE_EVERY + k));
+                let [x, y, z] = *rate;
+                let rotation = [T::splat(x) * dt, T::splat(y) * dt, T::splat(z) * dt];
+                q = multiply(&q, &turn(&rotation, integrator));
+                *row = [q[0].lane(0), q[1].lane(0), q[2].lane(0), q[3].lane(0)];
+            }
+        }
     }
 }
