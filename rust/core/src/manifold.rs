@@ -203,10 +203,22 @@ pub(crate) fn take_matrix<T: Real, const R: usize, const C: usize>(
             }
         }
     } else if mask.any() {
-        for j in 0..C {
-            for i in 0..R {
-                old[(i, j)] = T::select(mask, new[(i, j)], old[(i, j)]);
-            }
+        // of a copy, for the sake of the way above: what a call or a loop reads by its address lies in memory on every way
+        let copy = *new;
+        take_some::<T, R, C>(old, mask, &copy);
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn take_some<T: Real, const R: usize, const C: usize>(
+    old: &mut Matrix<T, R, C>,
+    mask: T::Mask,
+    new: &Matrix<T, R, C>,
+) {
+    for j in 0..C {
+        for i in 0..R {
+            old[(i, j)] = T::select(mask, new[(i, j)], old[(i, j)]);
         }
     }
 }

@@ -106,10 +106,26 @@ impl<T: Real, const R: usize, const C: usize> Packed<T, R, C> {
         new
     }
 
-    /// `self + a b`
+    /// `a b + c d`, a column at a time: two products one after the other would put the first into memory.
     #[inline(always)]
-    pub(crate) fn plus<const K: usize>(self, a: &Packed<T, R, K>, b: impl Fn(usize, usize) -> T) -> Self {
-        self.add_product::<K>(a, b)
+    pub(crate) fn two_products<const K: usize>(
+        (a, b): (&Packed<T, R, K>, impl Fn(usize, usize) -> T),
+        (c, d): (&Packed<T, R, K>, impl Fn(usize, usize) -> T),
+    ) -> Self {
+        let mut new = Self::zeros();
+        for j in 0..C {
+            for p in 0..Self::REGISTERS {
+                let mut sum = a.0[0][p].times(b(0, j));
+                for k in 1..K {
+                    sum = a.0[k][p].times_plus(b(k, j), sum);
+                }
+                for k in 0..K {
+                    sum = c.0[k][p].times_plus(d(k, j), sum);
+                }
+                new.0[j][p] = sum;
+            }
+        }
+        new
     }
 
     /// `self − a b`

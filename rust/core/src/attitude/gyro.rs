@@ -51,28 +51,54 @@ impl Family for GyroInputs {
     }
 }
 
-/// Blocks of the exact discretisation over one step of rotation vector `φ = ω dt`.
+/// Blocks of the exact discretisation over one step of rotation vector `φ = ω dt`; each is made where it is asked for,
+/// since all of them together do not fit into registers.
 pub(super) struct Blocks<T: Real> {
     /// Rotation of the body, by the integrator.
     turn: Quaternion<T>,
-    /// `exp(−[φ]×)`: attitude error to attitude error.
-    rotation: Matrix<T, 3, 3>,
-    /// `−dt J_r(φ)`: bias error to attitude error.
-    pub(super) coupling: Matrix<T, 3, 3>,
-    noise_attitude: Matrix<T, 3, 3>,
-    noise_cross: Matrix<T, 3, 3>,
-    noise_bias: T,
+    of: Turn<T>,
+    dt: T,
+    /// Density of the angle noise.
+    angle: T,
+    /// Density of the rate noise.
+    rate: f64,
 }
 
 impl<T: Real> Blocks<T> {
+    /// `exp(−[φ]×)`: attitude error to attitude error.
+    #[inline(always)]
+    fn rotation(&self) -> Matrix<T, 3, 3> {
+        self.of.skew.matrix(T::one(), -self.of.sinc, self.of.coefficients[0])
+    }
+    /// `−dt J_r(φ)`: bias error to attitude error.
+    #[inline(always)]
+    pub(super) fn coupling(&self) -> Matrix<T, 3, 3> {
+        let [c1, c2, _, _] = self.of.coefficients;
+        self.of.skew.matrix(-self.dt, self.dt * c1, -(self.dt * c2))
+    }
+    #[inline(always)]
+    fn noise_attitude(&self) -> Matrix<T, 3, 3> {
+        let w3 = self.dt * self.dt * self.dt * self.rate;
+        self.of.skew.even(w3.mul_add(T::splat(1.0 / 3.0), self.dt * self.angle), w3 * self.of.coefficients[3])
+    }
+    #[inline(always)]
+    fn noise_cross(&self) -> Matrix<T, 3, 3> {
+        let (w2, [_, c2, c3, _]) = (self.dt * self.dt * self.rate, self.of.coefficients);
+        self.of.skew.matrix(w2 * -0.5, w2 * c2, -(w2 * c3))
+    }
+    #[inline(always)]
+    fn noise_bias(&self) -> T {
+        self.dt * self.rate
+    }
     #[inline(always)]
     fn noise(&self) -> Matrix<T, 6, 6> {
+        let cross = self.noise_cross();
         let mut q = zeros();
-        set_block(&mut q, 0, 0, &self.noise_attitude);
-        set_block(&mut q, 0, 3, &self.noise_cross);
-        set_block(&mut q, 3, 0, &transpose(&self.noise_cross));
+        set_block(&mut q, 0, 0, &self.noise_attitude());
+        set_block(&mut q, 0, 3, &cross);
+        set_block(&mut q, 3, 0, &transpose(&cross));
         for i in 3..6 {
-            q[(i, i)] = self.noise_bias;
+            q[(i, i)] = self.noise_bias();
         }
         q
     }
@@ -94,19 +120,15 @@ impl GyroModel {
     pub(super) fn blocks<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, dt: T) -> Blocks<T> {
         let rotation = rotation_vector(x, u, dt);
         let turn = Turn::new(&rotation);
-        let (skew, [c1, c2, c3, c4]) = (&turn.skew, turn.coefficients);
-        let (arw2, rrw2) = (self.arw * self.arw, self.rrw * self.rrw);
-        let (w2, w3) = (dt * dt * rrw2, dt * dt * dt * rrw2);
         Blocks {
             turn: match self.integrator {
                 Integrator::Exponential => turn.q,
                 other @ Integrator::Rk4 => quaternion::turn(&rotation, other),
             },
-            rotation: skew.matrix(T::one(), -turn.sinc, c1),
-            coupling: skew.matrix(-dt, dt * c1, -(dt * c2)),
-            noise_attitude: skew.even(w3.mul_add(T::splat(1.0 / 3.0), dt * (u.extra + T::splat(arw2))), w3 * c4),
-            noise_cross: skew.matrix(w2 * -0.5, w2 * c2, -(w2 * c3)),
-            noise_bias: dt * rrw2,
+            of: turn,
+            dt,
+            angle: u.extra + T::splat(self.arw * self.arw),
+            rate: self.rrw * self.rrw,
         }
     }
 }
@@ -157,8 +179,8 @@ impl Dynamics<6> for GyroModel {
     fn transition<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, _t: T, dt: T) -> Matrix<T, 6, 6> {
         let b = self.blocks(x, u, dt);
         let mut f = identity();
-        set_block(&mut f, 0, 0, &b.rotation);
-        set_block(&mut f, 0, 3, &b.coupling);
+        set_block(&mut f, 0, 0, &b.rotation());
+        set_block(&mut f, 0, 3, &b.coupling());
         f
     }
 
@@ -178,8 +200,8 @@ impl Dynamics<6> for GyroModel {
         dt: T,
     ) -> (Attitude<T>, Matrix<T, 6, 6>, Matrix<T, 6, 6>) {
         let b = self.blocks(x, u, dt);
-        let turned_rows: Matrix<T, 3, 6> = mul(&b.rotation, &block::<T, 6, 6, 3, 6>(root, 0, 0));
-        let coupled: Matrix<T, 3, 6> = mul(&b.coupling, &block::<T, 6, 6, 3, 6>(root, 3, 0));
+        let turned_rows: Matrix<T, 3, 6> = mul(&b.rotation(), &block::<T, 6, 6, 3, 6>(root, 0, 0));
+        let coupled: Matrix<T, 3, 6> = mul(&b.coupling(), &block::<T, 6, 6, 3, 6>(root, 3, 0));
         let mut image = *root;
         set_block(&mut image, 0, 0, &add(&turned_rows, &coupled));
         (turned(x, &b.turn), image, b.noise())
@@ -196,19 +218,57 @@ impl Dynamics<6> for GyroModel {
         dt: T,
     ) -> (Attitude<T>, Matrix<T, 6, 6>) {
         let b = self.blocks(x, u, dt);
-        let (rotation, coupling) = (Packed::new(&b.rotation), Packed::new(&b.coupling));
+        let (rotation, coupling) = (b.rotation(), b.coupling());
+        let (r, c) = (Packed::new(&rotation), Packed::new(&coupling));
         // the upper half of F P: rows of the attitude, columns of attitude and bias
-        let left = Packed::<T, 3, 3>::product::<3>(&rotation, |k, j| p[(k, j)]).plus(&coupling, |k, j| p[(k + 3, j)]);
-        let right =
-            Packed::<T, 3, 3>::product::<3>(&rotation, |k, j| p[(k, j + 3)]).plus(&coupling, |k, j| p[(k + 3, j + 3)]);
-        let attitude = Packed::new(&b.noise_attitude)
-            .plus(&left, |k, j| b.rotation[(j, k)])
-            .plus(&right, |k, j| b.coupling[(j, k)]);
-        let bias = |i: usize, j: usize| {
-            let old = p[(i + 3, j + 3)];
-            if i == j { old + b.noise_bias } else { old }
-        };
-        let cov = of_blocks(&attitude, &right.add(&Packed::new(&b.noise_cross)), bias);
+        let left = Packed::<T, 3, 3>::two_products::<3>(
+            (
+                &r,
+                #[inline(always)]
+                |k, j| p[(k, j)],
+            ),
+            (
+                &c,
+                #[inline(always)]
+                |k, j| p[(k + 3, j)],
+            ),
+        );
+        let right = Packed::<T, 3, 3>::two_products::<3>(
+            (
+                &r,
+                #[inline(always)]
+                |k, j| p[(k, j + 3)],
+            ),
+            (
+                &c,
+                #[inline(always)]
+                |k, j| p[(k + 3, j + 3)],
+            ),
+        );
+        let attitude = Packed::<T, 3, 3>::two_products::<3>(
+            (
+                &left,
+                #[inline(always)]
+                |k, j| rotation[(j, k)],
+            ),
+            (
+                &right,
+                #[inline(always)]
+                |k, j| coupling[(j, k)],
+            ),
+        );
+        let attitude = attitude.add(&Packed::new(&b.noise_attitude()));
+        let cross = right.add(&Packed::new(&b.noise_cross()));
+        let noise = b.noise_bias();
+        let cov = of_blocks(
+            &attitude,
+            &cross,
+            #[inline(always)]
+            |i, j| {
+                let old = p[(i + 3, j + 3)];
+                if i == j { old + noise } else { old }
+            },
+        );
         (turned(x, &b.turn), cov)
     }
 }
