@@ -272,8 +272,8 @@ struct Fixes {
 struct Reports {
     ok: [bool; LANES],
     accepted: [bool; LANES],
-    /// Normalised innovation squared, innovation, and the lower triangle of its covariance.
-    numbers: [[f64; LANES]; 10],
+    /// Normalised innovation squared, innovation, the lower triangle of its covariance and the determinant of that.
+    numbers: [[f64; LANES]; 11],
 }
 
 impl Reports {
@@ -282,10 +282,12 @@ impl Reports {
         let (e, s) = (&o.innovation, &o.covariance);
         let lower = [s[(0, 0)], s[(1, 0)], s[(1, 1)], s[(2, 0)], s[(2, 1)], s[(2, 2)]];
         let [a, b, c, d, f, g] = lower;
+        let minors = [c * g - f * f, d * f - b * g, b * f - c * d];
+        let determinant = a.mul_add(minors[0], b.mul_add(minors[1], d * minors[2]));
         let mut new = Self {
             ok: [false; LANES],
             accepted: [false; LANES],
-            numbers: unpacked(&[o.nis, e[0], e[1], e[2], a, b, c, d, f, g]),
+            numbers: unpacked(&[o.nis, e[0], e[1], e[2], a, b, c, d, f, g, determinant]),
         };
         for i in 0..LANES {
             new.ok[i] = o.ok.lane(i);
@@ -296,7 +298,7 @@ impl Reports {
 
     #[inline(always)]
     fn lane(&self, i: usize) -> Report {
-        let [nis, x, y, z, xx, yx, yy, zx, zy, zz] = &self.numbers;
+        let [nis, x, y, z, xx, yx, yy, zx, zy, zz, _] = &self.numbers;
         Report {
             ok: self.ok[i],
             accepted: self.accepted[i],
@@ -355,8 +357,12 @@ impl<F: Filter> RunWide for Batch<'_, '_, F> {
             if rounds.is_multiple_of(CHUNK) {
                 (self.poll)(self.lanes.iter().map(|l| l.first + l.leg).sum())?;
             }
+            // fixes are collected before the prediction: what is written as numbers and read as lanes takes a while
+            let count = self.gather(&mut fixes, &course);
             self.advance::<T>(&mut belief, &mut kept, &mut course);
-            self.correct::<T>(&mut belief, &mut fixes, &mut course);
+            if count > 0 {
+                self.correct::<T>(&mut belief, &fixes, &mut course);
+            }
             self.write::<T>(&belief, &mut course);
         }
         Ok(self.finish::<T>(&belief, &course))
@@ -439,17 +445,14 @@ impl<F: Filter> Batch<'_, '_, F> {
         }
     }
 
-    /// Uses the fixes of the lanes that have come to one.
+    /// Uses the fixes that lanes have come to.
     #[inline(always)]
     fn correct<T: Real<Pack = T>>(
         &mut self,
         belief: &mut F::Belief<AttitudeBias, T, 6>,
-        fixes: &mut Fixes,
+        fixes: &Fixes,
         course: &mut Course,
     ) {
-        if self.gather(fixes, course) == 0 {
-            return;
-        }
         let [a, b, c, d, e, f] = &fixes.noise;
         let given: [T; 6] = [pack(a), pack(b), pack(c), pack(d), pack(e), pack(f)];
         let z: [T; 4] = [pack(&fixes.q[0]), pack(&fixes.q[1]), pack(&fixes.q[2]), pack(&fixes.q[3])];
@@ -457,13 +460,16 @@ impl<F: Filter> Batch<'_, '_, F> {
         let outcome = self.filter.update::<_, T, 6, 3>(belief, &StarQuaternion, &given, &z, gates);
         let reports = Reports::new(&outcome);
         for (i, lane) in self.lanes.iter_mut().enumerate() {
-            if fixes.gate[i] < 0.0 {
+            // no fix, or a prediction that has failed
+            if fixes.gate[i] < 0.0 || course.end[i].is_nan() {
                 continue;
             }
             let report = reports.lane(i);
             let number = lane.measurement;
             if report.ok {
-                lane.evidence.add(&report);
+                if report.accepted {
+                    lane.evidence.add_accepted(&report, reports.numbers[10][i]);
+                }
                 lane.writer.report(lane.source, &report);
             } else {
                 lane.fail("covariance in the update", number, course.t[i]);
@@ -474,7 +480,7 @@ impl<F: Filter> Batch<'_, '_, F> {
         }
     }
 
-    /// Collects the fixes that lanes have come to, and counts them.
+    /// Collects the fixes that lanes come to, and counts them.
     #[inline(always)]
     fn gather(&self, fixes: &mut Fixes, course: &Course) -> usize {
         let (mut count, mut last) = (0, 0);

@@ -300,16 +300,38 @@ impl GyroTiming {
     /// Input between two samples that are `dt` apart.
     #[inline(always)]
     pub fn between(&self, before: &[f64; 3], after: &[f64; 3], dt: f64) -> GyroInput<f64> {
-        let mean = [0.5 * (before[0] + after[0]), 0.5 * (before[1] + after[1]), 0.5 * (before[2] + after[2])];
+        self.input(
+            #[inline(always)]
+            || *before,
+            #[inline(always)]
+            || *after,
+            dt,
+        )
+    }
+
+    /// [`Self::between`] of samples that are looked up only if they are needed.
+    #[inline(always)]
+    pub(super) fn input(
+        &self,
+        before: impl Fn() -> [f64; 3],
+        after: impl Fn() -> [f64; 3],
+        dt: f64,
+    ) -> GyroInput<f64> {
         if dt > self.max_gap {
             // as a density, so that fixes inside the gap may divide it: (σ dt)² at its end
-            return GyroInput { rate: mean, extra: self.gap_rate_sigma * self.gap_rate_sigma * dt };
+            let extra = self.gap_rate_sigma * self.gap_rate_sigma * dt;
+            return GyroInput { rate: middle(&before(), &after()), extra };
         }
         let rate = match self.sampling {
-            Sampling::Hold => *before,
-            Sampling::Integrated => *after,
-            Sampling::Average => mean,
+            Sampling::Hold => before(),
+            Sampling::Integrated => after(),
+            Sampling::Average => middle(&before(), &after()),
         };
         GyroInput { rate, extra: 0.0 }
     }
+}
+
+#[inline(always)]
+fn middle(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])]
 }

@@ -208,12 +208,16 @@ impl Default for Evidence {
 impl Evidence {
     #[inline(always)]
     pub(crate) fn add(&mut self, report: &Report) {
-        if !report.accepted {
-            return;
+        if report.accepted {
+            self.add_accepted(report, report.determinant());
         }
+    }
+    /// One that was accepted, by the determinant of its innovation's covariance.
+    #[inline(always)]
+    pub(crate) fn add_accepted(&mut self, report: &Report, determinant: f64) {
         self.squares += report.nis;
         self.numbers += report.dof;
-        self.product *= report.determinant();
+        self.product *= determinant;
         // a normal number's exponent, taken out of its bits
         const ONE: u64 = 1023 << 52;
         let bits = self.product.to_bits();

@@ -6,6 +6,8 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod dispatch;
 pub mod elementary;
 mod lanes;
@@ -16,6 +18,8 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 #[cfg(target_arch = "x86_64")]
 pub use avx2::{Wide, WideMask};
+#[cfg(target_arch = "x86_64")]
+pub use avx512::{Mask512, Wide512};
 pub(crate) use dispatch::{Baseline, Runner};
 pub use dispatch::{Level, Run, RunWide};
 pub use lanes::{Lanes, Mask8};
