@@ -207,6 +207,39 @@ pub struct Ldl<T: Real, const N: usize> {
 }
 
 impl<T: Real, const N: usize> Ldl<T, N> {
+    /// The inverse `L⁻ᵀ D⁻¹ L⁻¹`: for matrices of a few rows that multiply others.
+    #[inline(always)]
+    pub fn inverse(&self) -> Matrix<T, N, N> {
+        // below the diagonal of L⁻¹, by columns
+        let mut m = zeros::<T, N, N>();
+        for j in 0..N {
+            for i in 0..N {
+                if i > j {
+                    let mut sum = -self.l[(i, j)];
+                    for k in 0..N {
+                        if k > j && k < i {
+                            sum = (-self.l[(i, k)]).mul_add(m[(k, j)], sum);
+                        }
+                    }
+                    m[(i, j)] = sum;
+                }
+            }
+        }
+        symmetric(
+            #[inline(always)]
+            |i, j| {
+                // j ≤ i, and the diagonal of L⁻¹ is one
+                let mut sum = if i == j { self.inverses[i] } else { self.inverses[i] * m[(i, j)] };
+                for k in 0..N {
+                    if k > i {
+                        sum = (m[(k, i)] * self.inverses[k]).mul_add(m[(k, j)], sum);
+                    }
+                }
+                sum
+            },
+        )
+    }
+
     /// `rᵀ P⁻¹ r`, by substitution.
     #[inline(always)]
     pub fn quadratic(&self, r: &Vector<T, N>) -> T {

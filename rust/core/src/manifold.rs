@@ -104,6 +104,10 @@ pub trait Manifold<const N: usize>: Family {
     fn reset<T: Real>(_x: &Self::Of<T>, _d: &Vector<T, N>) -> Matrix<T, N, N> {
         identity()
     }
+    /// How many of the first error states a reset mixes among themselves, if the others pass it unchanged: `J = [J₁ 0; 0 I]`.
+    /// Zero says nothing.
+    const RESETS: usize = 0;
+
     /// Carries a covariance over a reset: `J P Jᵀ`. Override it to use structure.
     #[inline(always)]
     fn transport<T: Real>(x: &Self::Of<T>, d: &Vector<T, N>, p: &Matrix<T, N, N>) -> Matrix<T, N, N> {

@@ -4,7 +4,7 @@
 //! register. For a one-lane scalar four rows are one register; for a batch, whose lanes are taken already, this
 //! is plain arithmetic on rows.
 
-use crate::linalg::{Ldl, Matrix, Vector, from_fn, identity, ldl, symmetric};
+use crate::linalg::{Ldl, Matrix, Vector, from_fn, ldl, symmetric};
 use crate::scalar::{Real, Rows};
 
 /// A matrix of `R` rows and `C` columns; of each column the first `R / WIDTH` registers, rounded up, are in use.
@@ -206,12 +206,6 @@ impl<T: Real, const R: usize, const C: usize> Packed<T, R, C> {
 }
 
 impl<T: Real, const N: usize> Packed<T, N, N> {
-    /// The inverse of `S = L D Lᵀ`: for matrices of a few rows that multiply others.
-    #[inline(always)]
-    pub(crate) fn inverse(f: &Ldl<T, N>) -> Self {
-        Self::new(&identity()).over(f)
-    }
-
     /// The symmetric matrix of its lower triangle.
     #[inline(always)]
     pub(crate) fn symmetric(&self) -> Matrix<T, N, N> {
