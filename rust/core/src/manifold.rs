@@ -215,11 +215,7 @@ pub(crate) fn take_matrix<T: Real, const R: usize, const C: usize>(
 
 #[cold]
 #[inline(never)]
-fn take_some<T: Real, const R: usize, const C: usize>(
-    old: &mut Matrix<T, R, C>,
-    mask: T::Mask,
-    new: &Matrix<T, R, C>,
-) {
+fn take_some<T: Real, const R: usize, const C: usize>(old: &mut Matrix<T, R, C>, mask: T::Mask, new: &Matrix<T, R, C>) {
     for j in 0..C {
         for i in 0..R {
             old[(i, j)] = T::select(mask, new[(i, j)], old[(i, j)]);

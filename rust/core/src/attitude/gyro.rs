@@ -311,12 +311,7 @@ impl GyroTiming {
 
     /// [`Self::between`] of samples that are looked up only if they are needed.
     #[inline(always)]
-    pub(super) fn input(
-        &self,
-        before: impl Fn() -> [f64; 3],
-        after: impl Fn() -> [f64; 3],
-        dt: f64,
-    ) -> GyroInput<f64> {
+    pub(super) fn input(&self, before: impl Fn() -> [f64; 3], after: impl Fn() -> [f64; 3], dt: f64) -> GyroInput<f64> {
         if dt > self.max_gap {
             // as a density, so that fixes inside the gap may divide it: (σ dt)² at its end
             let extra = self.gap_rate_sigma * self.gap_rate_sigma * dt;

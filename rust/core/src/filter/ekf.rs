@@ -179,7 +179,8 @@ fn direct<S: Manifold<N>, T: Real, const N: usize, const M: usize>(
         #[inline(always)]
         |k, j| inverse[(k, j)],
     );
-    let reset: Matrix<T, M, M> = if S::RESETS == M { block(&S::reset(x, &filter.turned(&step)), 0, 0) } else { identity() };
+    let reset: Matrix<T, M, M> =
+        if S::RESETS == M { block(&S::reset(x, &filter.turned(&step)), 0, 0) } else { identity() };
     if S::RESETS == M {
         left = Packed::<T, M, M>::product::<M>(
             &Packed::new(&reset),

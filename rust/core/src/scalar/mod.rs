@@ -122,6 +122,11 @@ pub trait Real:
         }
         p
     }
+    /// [`Self::poly`] in whatever order is fastest: to rounding the same, but not to the bit the same alone and in lanes.
+    #[inline(always)]
+    fn series<const K: usize>(self, c: [f64; K]) -> Self {
+        self.poly(c)
+    }
 }
 
 /// Rows of a column side by side: four of a one-lane scalar, or one where the lanes are taken already.
