@@ -207,6 +207,32 @@ impl Dynamics<6> for GyroModel {
         (turned(x, &b.turn), image, b.noise())
     }
 
+    /// `[[√S, X], [0, √r I]]` with `r` the noise of the bias, `X` that of both over `√r`, and `S` what is left of that of the
+    /// attitude. All blocks are polynomials of one skew matrix and commute, so that `S = α I + γ [φ]×²` is
+    /// known without a subtraction, and its symmetric root by two square roots.
+    #[inline(always)]
+    fn noise_factor<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, _t: T, dt: T) -> Matrix<T, 6, 6> {
+        let b = self.blocks(x, u, dt);
+        let (theta2, [_, c2, c3, c4]) = (b.of.skew.theta2(), b.of.coefficients);
+        let w3 = dt * dt * dt * b.rate;
+        let alpha = w3.mul_add(T::splat(1.0 / 12.0), dt * b.angle);
+        let gamma = w3 * (c2.mul_add(c2, c3 * c3 * theta2) + (c4 - c3));
+        let across = alpha - gamma * theta2;
+        let across = T::select(across.gt(T::zero()), across, T::zero()).sqrt();
+        let along = alpha.sqrt();
+        let some = along.gt(T::zero());
+        let bend = T::select(some, gamma / (across + T::select(some, along, T::one())), T::zero());
+        let bias = b.noise_bias().sqrt();
+        let cross = bias * dt;
+        let mut root = zeros();
+        set_block(&mut root, 0, 0, &b.of.skew.even(along, bend));
+        set_block(&mut root, 0, 3, &b.of.skew.matrix(cross * -0.5, cross * c2, -(cross * c3)));
+        for i in 3..6 {
+            root[(i, i)] = bias;
+        }
+        root
+    }
+
     /// `F P Fᵀ + Q` in 3×3 blocks.
     #[inline(always)]
     fn propagate<T: Real>(
