@@ -187,7 +187,7 @@ impl<'a> Lane<'a> {
         (self.first + self.leg.saturating_sub(1), self.first + self.leg)
     }
 
-    /// Time of the next fix, one that the start has used left out; infinite after the last one.
+    /// Time of the next fix, one that the start has used left out; not a number after the last one.
     #[inline(always)]
     fn next_fix(&mut self) -> f64 {
         if self.start.used == Some(self.measurement) {
@@ -195,7 +195,7 @@ impl<'a> Lane<'a> {
         }
         let sensors = self.log.sensors;
         if self.measurement >= sensors.len() {
-            return f64::INFINITY;
+            return f64::NAN;
         }
         self.source = sensors.source(self.measurement);
         sensors.sensors()[self.source.0].times()[self.source.1]
@@ -210,7 +210,7 @@ impl<'a> Lane<'a> {
 struct Course {
     /// Time.
     t: [f64; LANES],
-    /// Time of the next fix, infinite where there is none.
+    /// Time of the next fix, not a number where there is none.
     fix: [f64; LANES],
     /// End of the leg, at a gyro sample; not a number where the lane stands still.
     end: [f64; LANES],
@@ -226,7 +226,7 @@ impl Course {
         let nothing = [0.0; LANES];
         Self {
             t: nothing,
-            fix: [f64::INFINITY; LANES],
+            fix: [f64::NAN; LANES],
             end: [f64::NAN; LANES],
             rate: [nothing; 3],
             extra: nothing,
