@@ -454,8 +454,8 @@ pub fn propagate(q0: &Quaternion<f64>, rates: &[[f64; 3]], dt: &[f64], integrato
     Level::best().run(Propagation { q0: *first, rates, dt, integrator, rows });
 }
 
-/// Steps between two corrections of the length, which wait for each other: rounding moves it by less than one unit in
-/// the last place a step.
+/// Steps between two corrections of the length of what is multiplied on, which would wait for each other: rounding moves it by
+/// about one unit in the last place a step. A row's own correction delays nothing.
 const NORMALISE_EVERY: usize = 16;
 
 /// The loop of [`propagate`], at any instruction set.
@@ -505,7 +505,8 @@ impl Propagation<'_> {
                 let [x, y, z] = *rate;
                 let rotation = [T::splat(x) * dt, T::splat(y) * dt, T::splat(z) * dt];
                 q = multiply(&q, &turn(&rotation, integrator));
-                *row = [q[0].lane(0), q[1].lane(0), q[2].lane(0), q[3].lane(0)];
+                let [w, x, y, z] = renormalise(&q);
+                *row = [w.lane(0), x.lane(0), y.lane(0), z.lane(0)];
             }
         }
     }
