@@ -169,6 +169,9 @@ pub fn skew<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
 /// No square root stands on the path from pivot to pivot.
 #[inline(always)]
 pub fn ldl<T: Real, const N: usize>(p: &Matrix<T, N, N>) -> Ldl<T, N> {
+    if N == 3 {
+        return ldl_of_three(p);
+    }
     // u = L D, the columns before their division by the pivot
     let (mut l, mut u) = (zeros::<T, N, N>(), zeros::<T, N, N>());
     let (mut pivots, mut inverses) = ([T::one(); N], [T::one(); N]);
@@ -194,6 +197,33 @@ pub fn ldl<T: Real, const N: usize>(p: &Matrix<T, N, N>) -> Ldl<T, N> {
     Ldl { l, pivots, inverses, ok }
 }
 
+/// [`ldl`] of three rows: the last pivot's reciprocal is `d₁ / (d₁ d₂)`, and `d₁ d₂` needs no division, so that the divisions
+/// by the second and the last pivot go side by side.
+#[inline(always)]
+fn ldl_of_three<T: Real, const N: usize>(p: &Matrix<T, N, N>) -> Ldl<T, N> {
+    let good = p[(0, 0)].gt(T::zero());
+    let first = T::select(good, p[(0, 0)], T::one());
+    let mut ok = good;
+    let inverse = first.recip();
+    let (l1, l2) = (p[(1, 0)] * inverse, p[(2, 0)] * inverse);
+    let d = (-l1).mul_add(p[(1, 0)], p[(1, 1)]);
+    let u = (-l1).mul_add(p[(2, 0)], p[(2, 1)]);
+    let rest = (-l2).mul_add(p[(2, 0)], p[(2, 2)]);
+    let good = d.gt(T::zero());
+    ok = ok.and(good);
+    let second = T::select(good, d, T::one());
+    let product = second.mul_add(rest, -(u * u));
+    let good = product.gt(T::zero());
+    ok = ok.and(good);
+    let (product, second_inverse) = (T::select(good, product, T::one()), second.recip());
+    let mut l = zeros();
+    (l[(1, 0)], l[(2, 0)], l[(2, 1)]) = (l1, l2, u * second_inverse);
+    let (mut pivots, mut inverses) = ([T::one(); N], [T::one(); N]);
+    (pivots[0], pivots[1], pivots[2]) = (first, second, product * second_inverse);
+    (inverses[0], inverses[1], inverses[2]) = (inverse, second_inverse, second / product);
+    Ldl { l, pivots, inverses, ok }
+}
+
 /// What [`ldl`] returns.
 pub struct Ldl<T: Real, const N: usize> {
     /// Strictly lower triangle of the unit lower-triangular factor.
@@ -207,6 +237,39 @@ pub struct Ldl<T: Real, const N: usize> {
 }
 
 impl<T: Real, const N: usize> Ldl<T, N> {
+    /// The inverse `L⁻ᵀ D⁻¹ L⁻¹`: for matrices of a few rows that multiply others.
+    #[inline(always)]
+    pub fn inverse(&self) -> Matrix<T, N, N> {
+        // below the diagonal of L⁻¹, by columns
+        let mut m = zeros::<T, N, N>();
+        for j in 0..N {
+            for i in 0..N {
+                if i > j {
+                    let mut sum = -self.l[(i, j)];
+                    for k in 0..N {
+                        if k > j && k < i {
+                            sum = (-self.l[(i, k)]).mul_add(m[(k, j)], sum);
+                        }
+                    }
+                    m[(i, j)] = sum;
+                }
+            }
+        }
+        symmetric(
+            #[inline(always)]
+            |i, j| {
+                // j ≤ i, and the diagonal of L⁻¹ is one
+                let mut sum = if i == j { self.inverses[i] } else { self.inverses[i] * m[(i, j)] };
+                for k in 0..N {
+                    if k > i {
+                        sum = (m[(k, i)] * self.inverses[k]).mul_add(m[(k, j)], sum);
+                    }
+                }
+                sum
+            },
+        )
+    }
+
     /// `rᵀ P⁻¹ r`, by substitution.
     #[inline(always)]
     pub fn quadratic(&self, r: &Vector<T, N>) -> T {

@@ -104,6 +104,10 @@ pub trait Manifold<const N: usize>: Family {
     fn reset<T: Real>(_x: &Self::Of<T>, _d: &Vector<T, N>) -> Matrix<T, N, N> {
         identity()
     }
+    /// How many of the first error states a reset mixes among themselves, if the others pass it unchanged: `J = [J₁ 0; 0 I]`.
+    /// Zero says nothing.
+    const RESETS: usize = 0;
+
     /// Carries a covariance over a reset: `J P Jᵀ`. Override it to use structure.
     #[inline(always)]
     fn transport<T: Real>(x: &Self::Of<T>, d: &Vector<T, N>, p: &Matrix<T, N, N>) -> Matrix<T, N, N> {
@@ -203,10 +207,18 @@ pub(crate) fn take_matrix<T: Real, const R: usize, const C: usize>(
             }
         }
     } else if mask.any() {
-        for j in 0..C {
-            for i in 0..R {
-                old[(i, j)] = T::select(mask, new[(i, j)], old[(i, j)]);
-            }
+        // of a copy, for the sake of the way above: what a call or a loop reads by its address lies in memory on every way
+        let copy = *new;
+        take_some::<T, R, C>(old, mask, &copy);
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn take_some<T: Real, const R: usize, const C: usize>(old: &mut Matrix<T, R, C>, mask: T::Mask, new: &Matrix<T, R, C>) {
+    for j in 0..C {
+        for i in 0..R {
+            old[(i, j)] = T::select(mask, new[(i, j)], old[(i, j)]);
         }
     }
 }

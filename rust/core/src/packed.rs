@@ -4,7 +4,7 @@
 //! register. For a one-lane scalar four rows are one register; for a batch, whose lanes are taken already, this
 //! is plain arithmetic on rows.
 
-use crate::linalg::{Ldl, Matrix, Vector, from_fn, identity, ldl, symmetric};
+use crate::linalg::{Ldl, Matrix, Vector, from_fn, ldl, symmetric};
 use crate::scalar::{Real, Rows};
 
 /// A matrix of `R` rows and `C` columns; of each column the first `R / WIDTH` registers, rounded up, are in use.
@@ -106,10 +106,26 @@ impl<T: Real, const R: usize, const C: usize> Packed<T, R, C> {
         new
     }
 
-    /// `self + a b`
+    /// `a b + c d`, a column at a time: two products one after the other would put the first into memory.
     #[inline(always)]
-    pub(crate) fn plus<const K: usize>(self, a: &Packed<T, R, K>, b: impl Fn(usize, usize) -> T) -> Self {
-        self.add_product::<K>(a, b)
+    pub(crate) fn two_products<const K: usize>(
+        (a, b): (&Packed<T, R, K>, impl Fn(usize, usize) -> T),
+        (c, d): (&Packed<T, R, K>, impl Fn(usize, usize) -> T),
+    ) -> Self {
+        let mut new = Self::zeros();
+        for j in 0..C {
+            for p in 0..Self::REGISTERS {
+                let mut sum = a.0[0][p].times(b(0, j));
+                for k in 1..K {
+                    sum = a.0[k][p].times_plus(b(k, j), sum);
+                }
+                for k in 0..K {
+                    sum = c.0[k][p].times_plus(d(k, j), sum);
+                }
+                new.0[j][p] = sum;
+            }
+        }
+        new
     }
 
     /// `self − a b`
@@ -190,12 +206,6 @@ impl<T: Real, const R: usize, const C: usize> Packed<T, R, C> {
 }
 
 impl<T: Real, const N: usize> Packed<T, N, N> {
-    /// The inverse of `S = L D Lᵀ`: for matrices of a few rows that multiply others.
-    #[inline(always)]
-    pub(crate) fn inverse(f: &Ldl<T, N>) -> Self {
-        Self::new(&identity()).over(f)
-    }
-
     /// The symmetric matrix of its lower triangle.
     #[inline(always)]
     pub(crate) fn symmetric(&self) -> Matrix<T, N, N> {

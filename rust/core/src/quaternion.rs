@@ -5,7 +5,7 @@
 //! error-state Kalman filter*, 2017 (arXiv:1711.02508), equation numbers below.
 
 use crate::linalg::{Matrix, Vector, zeros};
-use crate::scalar::{Mask, Real};
+use crate::scalar::{Level, Mask, Real, Run};
 
 /// A quaternion `(w, x, y, z)`.
 pub type Quaternion<T> = [T; 4];
@@ -86,7 +86,7 @@ const COS: [f64; 7] = [1.0 / 479_001_600.0, -1.0 / 3_628_800.0, 1.0 / 40_320.0, 
 #[inline(always)]
 fn half_angle<T: Real>(theta2: T) -> [T; 2] {
     let h2 = theta2 * 0.25;
-    let series = [h2.poly(COS), h2.poly(SINC) * 0.5];
+    let series = [h2.series(COS), h2.series(SINC) * 0.5];
     if T::splat(0.25).gt(theta2).all() { series } else { half_angle_large(theta2, series) }
 }
 
@@ -122,7 +122,7 @@ pub fn log<T: Real>(q: &Quaternion<T>) -> Vector<T, 3> {
         2.0,
     ];
     let s2 = q[1].mul_add(q[1], q[2].mul_add(q[2], q[3] * q[3]));
-    let series = s2.poly(ASINC).copysign(q[0]);
+    let series = s2.series(ASINC).copysign(q[0]);
     let k = if T::splat(0.01).gt(s2).all() { series } else { log_large(q, s2, series) };
     [k * q[1], k * q[2], k * q[3]]
 }
@@ -258,7 +258,7 @@ const C4: [f64; 4] = [-2.0 / 39_916_800.0, 2.0 / 362_880.0, -2.0 / 5040.0, 2.0 /
 /// `[(1 − cos θ)/θ², (θ − sin θ)/θ³, (½ − (1 − cos θ)/θ²)/θ², (⅓ − 2 (θ − sin θ)/θ³)/θ²]`.
 #[inline(always)]
 fn angle_coefficients<T: Real>(theta2: T) -> [T; 4] {
-    let series = [theta2.poly(C1), theta2.poly(C2), theta2.poly(C3), theta2.poly(C4)];
+    let series = [theta2.series(C1), theta2.series(C2), theta2.series(C3), theta2.series(C4)];
     if T::splat(0.25).gt(theta2).all() { series } else { angle_coefficients_large(theta2, series) }
 }
 
@@ -280,8 +280,8 @@ impl<T: Real> Turn<T> {
         let skew = InSkew::new(v);
         let theta2 = skew.theta2();
         let h2 = theta2 * 0.25;
-        let mut half = [h2.poly(COS), h2.poly(SINC) * 0.5];
-        let mut others = [T::zero(), theta2.poly(C2), theta2.poly(C3), theta2.poly(C4)];
+        let mut half = [h2.series(COS), h2.series(SINC) * 0.5];
+        let mut others = [T::zero(), theta2.series(C2), theta2.series(C3), theta2.series(C4)];
         if !T::splat(0.25).gt(theta2).all() {
             half = half_angle_large(theta2, half);
             others = angle_coefficients_large(theta2, others);
@@ -340,7 +340,7 @@ const INVERSE: [f64; 4] = [1.0 / 1_209_600.0, 1.0 / 30_240.0, 1.0 / 720.0, 1.0 /
 pub fn right_jacobian_inverse<T: Real>(v: &Vector<T, 3>) -> Matrix<T, 3, 3> {
     let skew = InSkew::new(v);
     let theta2 = skew.theta2();
-    let series = theta2.poly(INVERSE);
+    let series = theta2.series(INVERSE);
     let k = if T::splat(1e-2).gt(theta2).all() { series } else { inverse_coefficient(theta2, series) };
     skew.matrix(T::one(), T::splat(0.5), k)
 }
@@ -431,10 +431,10 @@ pub(crate) fn turn<T: Real>(rotation: &Vector<T, 3>, integrator: Integrator) -> 
         Integrator::Exponential => exp(rotation),
         Integrator::Rk4 => {
             let s = dot3(rotation, rotation) * 0.25;
-            let w = s.poly([1.0 / 24.0, -0.5, 1.0]);
-            let v = s.poly([-1.0 / 12.0, 0.5]);
+            let w = s.series([1.0 / 24.0, -0.5, 1.0]);
+            let v = s.series([-1.0 / 12.0, 0.5]);
             // 1/|p|, with |p|² = 1 − s³/72 + s⁴/576
-            let short = s * s * s * s.poly([1.0 / 576.0, -1.0 / 72.0]);
+            let short = s * s * s * s.series([1.0 / 576.0, -1.0 / 72.0]);
             let series = short.mul_add(T::splat(-0.5), T::one());
             let small = T::splat(0.01).gt(s);
             let scale = if small.all() { series } else { T::select(small, series, (T::one() + short).sqrt().recip()) };
@@ -449,13 +449,65 @@ pub(crate) fn turn<T: Real>(rotation: &Vector<T, 3>, integrator: Integrator) -> 
 ///
 /// `dt` is one step for all rates, or one for each. `out` has one row more than `rates`.
 pub fn propagate(q0: &Quaternion<f64>, rates: &[[f64; 3]], dt: &[f64], integrator: Integrator, out: &mut [[f64; 4]]) {
-    let mut q = normalise(q0);
-    if let Some(first) = out.first_mut() {
-        *first = q;
+    let Some((first, rows)) = out.split_first_mut() else { return };
+    *first = normalise(q0);
+    Level::best().run(Propagation { q0: *first, rates, dt, integrator, rows });
+}
+
+/// Steps between two corrections of the length of what is multiplied on, which would wait for each other: rounding moves it by
+/// about one unit in the last place a step. A row's own correction delays nothing.
+const NORMALISE_EVERY: usize = 16;
+
+/// The loop of [`propagate`], at any instruction set.
+struct Propagation<'a> {
+    q0: Quaternion<f64>,
+    rates: &'a [[f64; 3]],
+    dt: &'a [f64],
+    integrator: Integrator,
+    rows: &'a mut [[f64; 4]],
+}
+
+impl Run for Propagation<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<T: Real<Mask = bool>>(self) {
+        // one loop for each case: what does not change is not asked for at every step
+        match (self.integrator, self.dt) {
+            (Integrator::Exponential, [dt]) => self.steps::<T>(
+                Integrator::Exponential,
+                #[inline(always)]
+                |_| *dt,
+            ),
+            (Integrator::Exponential, dt) => self.steps::<T>(
+                Integrator::Exponential,
+                #[inline(always)]
+                |k| dt[k],
+            ),
+            (Integrator::Rk4, dt) => self.steps::<T>(
+                Integrator::Rk4,
+                #[inline(always)]
+                |k| if let [dt] = dt { *dt } else { dt[k] },
+            ),
+        }
     }
-    for (k, (rate, row)) in rates.iter().zip(out.iter_mut().skip(1)).enumerate() {
-        let step = if dt.len() == 1 { dt[0] } else { dt[k] };
-        q = integrate(&q, rate, step, integrator);
-        *row = q;
+}
+
+impl Propagation<'_> {
+    #[inline(always)]
+    fn steps<T: Real<Mask = bool>>(self, integrator: Integrator, dt: impl Fn(usize) -> f64) {
+        let [w, x, y, z] = self.q0;
+        let mut q = [T::splat(w), T::splat(x), T::splat(y), T::splat(z)];
+        let rates = self.rates.chunks(NORMALISE_EVERY);
+        for (chunk, (rates, rows)) in rates.zip(self.rows.chunks_mut(NORMALISE_EVERY)).enumerate() {
+            q = renormalise(&q);
+            for (k, (rate, row)) in rates.iter().zip(rows).enumerate() {
+                let dt = T::splat(dt(chunk * NORMALISE_EVERY + k));
+                let [x, y, z] = *rate;
+                let rotation = [T::splat(x) * dt, T::splat(y) * dt, T::splat(z) * dt];
+                q = multiply(&q, &turn(&rotation, integrator));
+                let [w, x, y, z] = renormalise(&q);
+                *row = [w.lane(0), x.lane(0), y.lane(0), z.lane(0)];
+            }
+        }
     }
 }

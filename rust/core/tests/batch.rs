@@ -166,6 +166,29 @@ fn a_lane_does_not_depend_on_its_neighbours() {
     }
 }
 
+/// Wider registers hold the same lanes: the same operations, the same bits.
+#[test]
+fn levels_with_lanes_agree_to_the_bit() {
+    if !Level::Avx512.available() {
+        return;
+    }
+    let logs = mixed();
+    for filter in filters() {
+        let two = replayed(&filter, &logs, 3, Level::Avx2, 0.99, true);
+        let one = replayed(&filter, &logs, 3, Level::Avx512, 0.99, true);
+        for ((a, end_a), (b, end_b)) in two.iter().zip(&one) {
+            assert_eq!(
+                (&a.q, &a.bias, &a.sigma, &a.covariance),
+                (&b.q, &b.bias, &b.sigma, &b.covariance),
+                "{filter:?}"
+            );
+            assert_eq!((&a.nis, &a.accepted, &a.innovation), (&b.nis, &b.accepted, &b.innovation));
+            let (a, b) = (end_a.as_ref().unwrap(), end_b.as_ref().unwrap());
+            assert_eq!((a.log_likelihood, a.covariance), (b.log_likelihood, b.covariance));
+        }
+    }
+}
+
 fn made_again(i: usize) -> Made {
     mixed().swap_remove(i).0
 }

@@ -8,7 +8,9 @@ use celestcore_core::belief::{Belief, Gaussian};
 use celestcore_core::filter::{Ekf, Filter, SrUkf, Ukf};
 use celestcore_core::linalg::{Matrix, Vector, from_fn, mul_t};
 use celestcore_core::model::{Dynamics, Measurement};
-use celestcore_core::quaternion::{Integrator, Quaternion, exp, integrate, multiply, normalise};
+use celestcore_core::quaternion::{
+    Integrator, Quaternion, exp, integrate, multiply, norm_squared, normalise, propagate,
+};
 use celestcore_core::scalar::Real;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -170,6 +172,31 @@ fn nothing_cancels_where_the_measurement_is_all_that_is_known() {
         assert!(seen.accepted);
         for i in 0..3 {
             assert!((b.cov[(i, i)] / s - 1.0).abs() < 2.0 * s + 1e-12, "{:e}", b.cov[(i, i)]);
+        }
+    }
+}
+
+/// A history in one call, whose length is corrected now and then, and step by step.
+#[test]
+fn a_history_is_that_of_its_steps() {
+    let mut random = StdRng::seed_from_u64(8);
+    let n = 5000;
+    let rates: Vec<[f64; 3]> =
+        (0..n).map(|_| std::array::from_fn(|_| 0.3 * random.sample::<f64, _>(StandardNormal))).collect();
+    let (same, each) = (vec![0.1], (0..n).map(|k| 0.05 + 1e-5 * k as f64).collect::<Vec<f64>>());
+    for integrator in [Integrator::Exponential, Integrator::Rk4] {
+        for dt in [&same, &each] {
+            let mut q = normalise(&[0.5, -0.3, 0.7, 0.2]);
+            let mut history = vec![[0.0; 4]; n + 1];
+            propagate(&[0.5, -0.3, 0.7, 0.2], &rates, dt, integrator, &mut history);
+            for k in 0..n {
+                q = integrate(&q, &rates[k], dt[if dt.len() == 1 { 0 } else { k }], integrator);
+                let row = history[k + 1];
+                assert!((norm_squared(&row).sqrt() - 1.0).abs() < 4.0 * f64::EPSILON, "row {k}: {row:?}");
+                for i in 0..4 {
+                    assert!((row[i] - q[i]).abs() < 2e-16 * (k + 20) as f64, "row {k}: {row:?} {q:?}");
+                }
+            }
         }
     }
 }

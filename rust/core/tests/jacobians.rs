@@ -130,8 +130,13 @@ fn gyro_propagation_in_blocks_is_the_dense_one() {
         close(&blocks, &dense, 1e-13 * dense.abs().max());
         assert_eq!(blocks, blocks.transpose());
         assert_eq!(y, model.step(&x, &u, 0.0, dt));
-        let factor = model.noise_factor(&x, &u, 0.0, dt);
-        close(&(factor * factor.transpose()), &model.noise(&x, &u, 0.0, dt), 1e-18);
+        // also where one of the noises is missing, or both
+        for (arw, rrw) in [(model.arw, model.rrw), (model.arw, 0.0), (0.0, model.rrw), (0.0, 0.0)] {
+            let (model, u) =
+                (GyroModel { arw, rrw, ..model }, GyroInput { extra: if arw > 0.0 { u.extra } else { 0.0 }, ..u });
+            let factor = model.noise_factor(&x, &u, 0.0, dt);
+            close(&(factor * factor.transpose()), &model.noise(&x, &u, 0.0, dt), 1e-18);
+        }
     }
 }
 

@@ -47,6 +47,17 @@ fn laws<S, const N: usize>(
             (image(h) - image(-h)) / (2.0 * h)
         });
         close(&j, &difference, 1e-8);
+        for i in 0..N {
+            for k in 0..N {
+                if S::RESETS > 0 && (i >= S::RESETS || k >= S::RESETS) {
+                    assert_eq!(
+                        j[(i, k)],
+                        if i == k { 1.0 } else { 0.0 },
+                        "a reset leaves the other error states alone"
+                    );
+                }
+            }
+        }
         if flat {
             assert_eq!(j, SMatrix::<f64, N, N>::identity());
         }

@@ -11,7 +11,7 @@ use super::sensors::StarQuaternion;
 use super::series::AttitudeSensor;
 use super::state::{Attitude, AttitudeBias};
 use super::writer::{State, Writer};
-use crate::belief::Belief;
+use crate::belief::{Belief, Outcome};
 use crate::error::{Error, Result};
 use crate::filter::Filter;
 use crate::linalg::from_fn;
@@ -137,27 +137,19 @@ fn lanes<F: Filter>(
     options.level.run_wide(Batch { filter, model: &model, lanes, poll }).unwrap_or(Ok(Vec::new()))
 }
 
-/// What a lane does next.
-#[derive(Clone, Copy, PartialEq)]
-enum Event {
-    /// Uses measurement `i`.
-    Fix(usize),
-    /// Comes to the end of a leg, a gyro sample.
-    Sample,
-    /// Nothing more.
-    None,
-}
-
 /// One log on its way.
 struct Lane<'a> {
     writer: Writer<'a, GyroModel>,
     log: Log<'a>,
     start: Start<AttitudeBias, 6>,
     every: usize,
-    t: f64,
+    /// Legs until the next row.
+    wait: usize,
     first: usize,
     leg: usize,
     measurement: usize,
+    /// Sensor and row of the next fix.
+    source: (usize, usize),
     before: usize,
     evidence: Evidence,
     state: std::result::Result<bool, Error>,
@@ -177,9 +169,10 @@ impl<'a> Lane<'a> {
             writer: Writer::new(log, model, columns, measured, false),
             log,
             every,
-            t: start.t,
+            wait: 0,
             leg: 0,
             measurement: before,
+            source: (0, 0),
             before,
             evidence: Evidence::default(),
             first: *first.as_ref().unwrap_or(&0),
@@ -188,57 +181,133 @@ impl<'a> Lane<'a> {
         }
     }
 
+    /// Gyro sample before the leg, and that at its end.
     #[inline(always)]
-    fn running(&self) -> bool {
-        matches!(self.state, Ok(true))
+    fn span(&self) -> (usize, usize) {
+        (self.first + self.leg.saturating_sub(1), self.first + self.leg)
     }
 
-    /// Gyro sample before the leg, that at its end, and its time.
+    /// Time of the next fix, one that the start has used left out; not a number after the last one.
     #[inline(always)]
-    fn span(&self) -> (usize, usize, f64) {
-        let (k, reached) = (self.first + self.leg.saturating_sub(1), self.first + self.leg);
-        (k, reached, if self.leg == 0 { self.start.t } else { self.log.gyro.t[reached] })
-    }
-
-    /// Time and kind of what comes next; at equal times fixes come first.
-    #[inline(always)]
-    fn next(&mut self) -> (f64, Event) {
-        if !self.running() {
-            return (self.t, Event::None);
-        }
-        let (_, _, end) = self.span();
+    fn next_fix(&mut self) -> f64 {
         if self.start.used == Some(self.measurement) {
             self.measurement += 1;
         }
-        if self.measurement < self.log.sensors.len() {
-            let t = self.log.sensors.time(self.measurement);
-            if t <= end {
-                return (t, Event::Fix(self.measurement));
-            }
+        let sensors = self.log.sensors;
+        if self.measurement >= sensors.len() {
+            return f64::NAN;
         }
-        (end, Event::Sample)
-    }
-
-    /// The leg has ended: writes a row if it is due, and goes on to the next leg.
-    #[inline(always)]
-    fn arrive(&mut self, state: impl FnOnce() -> State, covariance: impl FnOnce() -> [[f64; 6]; 6]) {
-        let (_, reached, end) = self.span();
-        if self.leg.is_multiple_of(self.every) {
-            self.writer.row(end, reached, &state(), covariance);
-        }
-        self.leg += 1;
-        let next = self.first + self.leg;
-        let times = self.log.gyro.t;
-        if next >= times.len() {
-            self.state = Ok(false);
-        } else if times[next].partial_cmp(&times[next - 1]) != Some(Ordering::Greater) {
-            let (previous, value) = (times[next - 1], times[next]);
-            self.state = Err(Error::NotIncreasing { field: "gyro.t", row: next, previous, value });
-        }
+        self.source = sensors.source(self.measurement);
+        sensors.sensors()[self.source.0].times()[self.source.1]
     }
 
     fn fail(&mut self, what: &'static str, step: usize, t: f64) {
         self.state = Err(Error::NotPositiveDefinite { what, step, t });
+    }
+}
+
+/// Where the lanes are and where they go next, side by side: what is asked for in every round.
+struct Course {
+    /// Time.
+    t: [f64; LANES],
+    /// Time of the next fix, not a number where there is none.
+    fix: [f64; LANES],
+    /// End of the leg, at a gyro sample; not a number where the lane stands still.
+    end: [f64; LANES],
+    /// Measured rate in the leg, and noise beyond that of the gyro.
+    rate: [[f64; LANES]; 3],
+    extra: [f64; LANES],
+    /// Lanes that do not stand still.
+    running: usize,
+}
+
+impl Course {
+    fn new() -> Self {
+        let nothing = [0.0; LANES];
+        Self {
+            t: nothing,
+            fix: [f64::NAN; LANES],
+            end: [f64::NAN; LANES],
+            rate: [nothing; 3],
+            extra: nothing,
+            running: 0,
+        }
+    }
+
+    /// Takes up the leg of a lane.
+    #[inline(always)]
+    fn depart(&mut self, i: usize, lane: &Lane<'_>) {
+        let (before, reached) = lane.span();
+        self.end[i] = if lane.leg == 0 { lane.start.t } else { lane.log.gyro.t[reached] };
+        let u = lane.log.gyro.between(before);
+        for c in 0..3 {
+            self.rate[c][i] = u.rate[c];
+        }
+        self.extra[i] = u.extra;
+    }
+
+    /// A lane stands still from now on.
+    fn stop(&mut self, i: usize) {
+        self.end[i] = f64::NAN;
+        self.running -= 1;
+    }
+
+    /// Time and kind of what comes next in a lane; at equal times fixes come first.
+    #[inline(always)]
+    fn next(&self, i: usize) -> (f64, bool) {
+        let fix = self.fix[i] <= self.end[i];
+        (if fix { self.fix[i] } else { self.end[i] }, fix)
+    }
+}
+
+/// The fixes of a round, side by side. Lanes that have none hold whatever they held before.
+struct Fixes {
+    q: [[f64; LANES]; 4],
+    noise: [[f64; LANES]; 6],
+    /// Minus infinity in lanes without a fix.
+    gate: [f64; LANES],
+}
+
+/// What an update reports, as numbers lane by lane: what lies in registers is taken apart once, not once a lane.
+struct Reports {
+    ok: [bool; LANES],
+    accepted: [bool; LANES],
+    /// Normalised innovation squared, innovation, the lower triangle of its covariance and the determinant of that.
+    numbers: [[f64; LANES]; 11],
+}
+
+impl Reports {
+    #[inline(always)]
+    fn new<T: Real>(o: &Outcome<T, 3>) -> Self {
+        let (e, s) = (&o.innovation, &o.covariance);
+        let lower = [s[(0, 0)], s[(1, 0)], s[(1, 1)], s[(2, 0)], s[(2, 1)], s[(2, 2)]];
+        let [a, b, c, d, f, g] = lower;
+        let minors = [c * g - f * f, d * f - b * g, b * f - c * d];
+        let determinant = a.mul_add(minors[0], b.mul_add(minors[1], d * minors[2]));
+        let mut new = Self {
+            ok: [false; LANES],
+            accepted: [false; LANES],
+            numbers: unpacked(&[o.nis, e[0], e[1], e[2], a, b, c, d, f, g, determinant]),
+        };
+        for i in 0..LANES {
+            new.ok[i] = o.ok.lane(i);
+            new.accepted[i] = o.accepted.lane(i);
+        }
+        new
+    }
+
+    #[inline(always)]
+    fn lane(&self, i: usize) -> Report {
+        let [nis, x, y, z, xx, yx, yy, zx, zy, zz, _] = &self.numbers;
+        Report {
+            ok: self.ok[i],
+            accepted: self.accepted[i],
+            dof: 3,
+            nis: nis[i],
+            innovation: [x[i], y[i], z[i]],
+            covariance: [[xx[i], yx[i], zx[i]], [yx[i], yy[i], zy[i]], [zx[i], zy[i], zz[i]]],
+            rows: [1, usize::from(self.accepted[i])],
+        }
     }
 }
 
@@ -276,32 +345,33 @@ impl<F: Filter> RunWide for Batch<'_, '_, F> {
 
     #[inline(always)]
     fn run<T: Real<Pack = T>>(mut self) -> Self::Output {
-        let mut belief = self.begin::<T>();
+        let mut course = Course::new();
+        let mut belief = self.begin::<T>(&mut course);
+        // on the heap, and there once for all: it is rarely needed, and large
+        let mut kept = Box::new(belief);
+        let nothing = [0.0; LANES];
+        let mut fixes = Fixes { q: [nothing; 4], noise: [nothing; 6], gate: nothing };
         let mut rounds = 0usize;
-        loop {
+        while course.running > 0 {
             rounds += 1;
             if rounds.is_multiple_of(CHUNK) {
                 (self.poll)(self.lanes.iter().map(|l| l.first + l.leg).sum())?;
             }
-            let mut to = [0.0; LANES];
-            let mut events = [Event::None; LANES];
-            for (i, lane) in self.lanes.iter_mut().enumerate() {
-                (to[i], events[i]) = lane.next();
+            // fixes are collected before the prediction: what is written as numbers and read as lanes takes a while
+            let count = self.gather(&mut fixes, &course);
+            self.advance::<T>(&mut belief, &mut kept, &mut course);
+            if count > 0 {
+                self.correct::<T>(&mut belief, &fixes, &mut course);
             }
-            if events.iter().all(|e| *e == Event::None) {
-                break;
-            }
-            self.advance::<T>(&mut belief, &to);
-            self.correct::<T>(&mut belief, &to, &events);
-            self.write::<T>(&belief, &to);
+            self.write::<T>(&belief, &mut course);
         }
-        Ok(self.finish::<T>(&belief))
+        Ok(self.finish::<T>(&belief, &course))
     }
 }
 
 impl<F: Filter> Batch<'_, '_, F> {
     #[inline(always)]
-    fn begin<T: Real<Pack = T>>(&mut self) -> F::Belief<AttitudeBias, T, 6> {
+    fn begin<T: Real<Pack = T>>(&mut self, course: &mut Course) -> F::Belief<AttitudeBias, T, 6> {
         let lanes = &self.lanes;
         let start = |i: usize| &lanes[if i < lanes.len() { i } else { 0 }].start;
         let mean = Attitude {
@@ -311,7 +381,15 @@ impl<F: Filter> Batch<'_, '_, F> {
         let covariance = from_fn(|r, c| T::from_lanes(|i| start(i).covariance[(r, c)]));
         let (belief, ok) = self.filter.belief::<AttitudeBias, T, 6>(mean, &covariance);
         for (i, lane) in self.lanes.iter_mut().enumerate() {
-            if !ok.lane(i) && lane.running() {
+            course.t[i] = lane.start.t;
+            if lane.state.is_err() {
+                continue;
+            }
+            if ok.lane(i) {
+                course.running += 1;
+                course.depart(i, lane);
+                course.fix[i] = lane.next_fix();
+            } else {
                 lane.fail("initial covariance", lane.first, lane.start.t);
             }
         }
@@ -320,140 +398,177 @@ impl<F: Filter> Batch<'_, '_, F> {
 
     /// Moves each lane to its next event.
     #[inline(always)]
-    fn advance<T: Real<Pack = T>>(&mut self, belief: &mut F::Belief<AttitudeBias, T, 6>, to: &[f64; LANES]) {
-        let moves = |lane: &Lane<'_>, to: f64| lane.running() && to > lane.t;
-        let (mut some, mut stays) = (false, false);
-        for (lane, to) in self.lanes.iter().zip(to) {
-            let moved = moves(lane, *to);
-            some |= moved;
-            stays |= !moved;
+    fn advance<T: Real<Pack = T>>(
+        &mut self,
+        belief: &mut F::Belief<AttitudeBias, T, 6>,
+        kept: &mut F::Belief<AttitudeBias, T, 6>,
+        course: &mut Course,
+    ) {
+        let (mut to, mut dt) = (course.t, [1.0; LANES]);
+        let (mut moved, mut stays) = ([false; LANES], false);
+        for i in 0..LANES {
+            let (next, _) = course.next(i);
+            if next > course.t[i] {
+                (to[i], dt[i], moved[i]) = (next, next - course.t[i], true);
+            } else {
+                // slots that no log has are nobody's
+                stays |= i < self.lanes.len();
+            }
         }
-        if !some {
+        if to == course.t {
             return;
         }
-        let (mut t, mut dt, mut rate, mut extra) = ([0.0; LANES], [1.0; LANES], [[0.0; LANES]; 3], [0.0; LANES]);
-        for (i, lane) in self.lanes.iter().enumerate() {
-            if !moves(lane, to[i]) {
-                continue;
-            }
-            let u = lane.log.gyro.between(lane.span().0);
-            (t[i], dt[i], extra[i]) = (lane.t, to[i] - lane.t, u.extra);
-            for c in 0..3 {
-                rate[c][i] = u.rate[c];
-            }
+        let rate = [pack(&course.rate[0]), pack(&course.rate[1]), pack(&course.rate[2])];
+        let u = GyroInput { rate, extra: pack(&course.extra) };
+        if stays {
+            *kept = *belief;
         }
-        let u = GyroInput { rate: [pack(&rate[0]), pack(&rate[1]), pack(&rate[2])], extra: pack(&extra) };
-        let kept = stays.then_some(*belief);
-        let ok = self.filter.predict::<GyroModel, T, 6>(belief, self.model, &u, pack(&t), pack(&dt));
-        if let Some(kept) = kept {
-            let lanes = &self.lanes;
-            belief.take(T::Mask::from_lanes(|i| i < lanes.len() && !moves(&lanes[i], to[i])), &kept);
+        let ok = self.filter.predict::<GyroModel, T, 6>(belief, self.model, &u, pack(&course.t), pack(&dt));
+        if stays {
+            let own = self.lanes.len();
+            belief.take(
+                T::Mask::from_lanes(
+                    #[inline(always)]
+                    |i| i < own && !moved[i],
+                ),
+                kept,
+            );
         }
-        for (i, lane) in self.lanes.iter_mut().enumerate() {
-            if moves(lane, to[i]) {
-                if !ok.lane(i) {
+        course.t = to;
+        if !ok.all() {
+            for (i, lane) in self.lanes.iter_mut().enumerate() {
+                if moved[i] && !ok.lane(i) {
                     lane.fail("predicted covariance", lane.span().0, to[i]);
+                    course.stop(i);
                 }
-                lane.t = to[i];
             }
         }
     }
 
-    /// Uses the fixes of the lanes that have come to one.
+    /// Uses the fixes that lanes have come to.
     #[inline(always)]
     fn correct<T: Real<Pack = T>>(
         &mut self,
         belief: &mut F::Belief<AttitudeBias, T, 6>,
-        to: &[f64; LANES],
-        events: &[Event; LANES],
+        fixes: &Fixes,
+        course: &mut Course,
     ) {
-        let (mut q, mut noise, mut gate) = ([[0.0; LANES]; 4], [[0.0; LANES]; 6], [f64::NEG_INFINITY; LANES]);
-        let mut last = None;
-        for (i, lane) in self.lanes.iter().enumerate() {
-            let Event::Fix(number) = events[i] else { continue };
-            if !lane.running() {
+        let [a, b, c, d, e, f] = &fixes.noise;
+        let given: [T; 6] = [pack(a), pack(b), pack(c), pack(d), pack(e), pack(f)];
+        let z: [T; 4] = [pack(&fixes.q[0]), pack(&fixes.q[1]), pack(&fixes.q[2]), pack(&fixes.q[3])];
+        let gates = pack(&fixes.gate);
+        let outcome = self.filter.update::<_, T, 6, 3>(belief, &StarQuaternion, &given, &z, gates);
+        let reports = Reports::new(&outcome);
+        for (i, lane) in self.lanes.iter_mut().enumerate() {
+            // no fix, or a prediction that has failed
+            if fixes.gate[i] < 0.0 || course.end[i].is_nan() {
                 continue;
             }
-            let (sensor, row) = lane.log.sensors.source(number);
-            let AttitudeSensor::Star(series) = &lane.log.sensors.sensors()[sensor] else { continue };
-            let fix = series.fix(row);
+            let report = reports.lane(i);
+            let number = lane.measurement;
+            if report.ok {
+                if report.accepted {
+                    lane.evidence.add_accepted(&report, reports.numbers[10][i]);
+                }
+                lane.writer.report(lane.source, &report);
+            } else {
+                lane.fail("covariance in the update", number, course.t[i]);
+                course.stop(i);
+            }
+            lane.measurement += 1;
+            course.fix[i] = lane.next_fix();
+        }
+    }
+
+    /// Collects the fixes that lanes come to, and counts them.
+    #[inline(always)]
+    fn gather(&self, fixes: &mut Fixes, course: &Course) -> usize {
+        let (mut count, mut last) = (0, 0);
+        fixes.gate = [f64::NEG_INFINITY; LANES];
+        for (i, lane) in self.lanes.iter().enumerate() {
+            if !course.next(i).1 {
+                continue;
+            }
+            let (sensors, (sensor, row)) = (lane.log.sensors, lane.source);
+            let AttitudeSensor::Star(series) = &sensors.sensors()[sensor] else { continue };
+            let (q, noise) = series.fix(row);
             for c in 0..4 {
-                q[c][i] = fix.0[c];
+                fixes.q[c][i] = q[c];
             }
             for c in 0..6 {
-                noise[c][i] = fix.1[c];
+                fixes.noise[c][i] = noise[c];
             }
-            gate[i] = lane.log.sensors.gates()[2];
-            last = Some(i);
+            fixes.gate[i] = sensors.gates()[2];
+            (count, last) = (count + 1, i);
         }
-        let Some(last) = last else { return };
         // lanes without a fix compute on another one's, behind a gate that nothing passes
-        for i in 0..LANES {
-            if gate[i] < 0.0 {
-                for column in q.iter_mut().chain(&mut noise) {
-                    column[i] = column[last];
+        if count > 0 && count < LANES {
+            for i in 0..LANES {
+                if fixes.gate[i] < 0.0 {
+                    for column in fixes.q.iter_mut().chain(&mut fixes.noise) {
+                        column[i] = column[last];
+                    }
                 }
             }
         }
-        let [a, b, c, d, e, f] = &noise;
-        let given: [T; 6] = [pack(a), pack(b), pack(c), pack(d), pack(e), pack(f)];
-        let z: [T; 4] = [pack(&q[0]), pack(&q[1]), pack(&q[2]), pack(&q[3])];
-        let gates = pack(&gate);
-        let outcome = self.filter.update::<_, T, 6, 3>(belief, &StarQuaternion, &given, &z, gates);
-        for (i, lane) in self.lanes.iter_mut().enumerate() {
-            let Event::Fix(number) = events[i] else { continue };
-            if gate[i] < 0.0 {
-                continue;
-            }
-            let report = Report::of_lane(&outcome, i);
-            lane.measurement = number + 1;
-            if report.ok {
-                lane.evidence.add(&report);
-                lane.writer.report(number, &report);
-            } else {
-                lane.fail("covariance in the update", number, to[i]);
-            }
-        }
+        count
     }
 
-    /// Writes rows of the lanes that are at the end of a leg.
+    /// The lanes that are at the end of a leg write a row if it is due, and go on to the next leg.
     #[inline(always)]
-    fn write<T: Real<Pack = T>>(&mut self, belief: &F::Belief<AttitudeBias, T, 6>, to: &[f64; LANES]) {
-        let (mut mean, mut variance) = (None, None);
+    fn write<T: Real<Pack = T>>(&mut self, belief: &F::Belief<AttitudeBias, T, 6>, course: &mut Course) {
+        let mut written = None;
         for (i, lane) in self.lanes.iter_mut().enumerate() {
             // a fix at the time of a sample has been used in this round, and the sample is next
-            if lane.next() != (to[i], Event::Sample) || lane.t != to[i] {
+            if course.next(i) != (course.t[i], false) {
                 continue;
             }
-            let (mean, variance) = if lane.leg.is_multiple_of(lane.every) {
-                let x = belief.mean();
-                let means = [x.q[0], x.q[1], x.q[2], x.q[3], x.bias[0], x.bias[1], x.bias[2]];
-                (
-                    *mean.get_or_insert_with(|| unpacked(&means)),
-                    *variance.get_or_insert_with(|| unpacked(&belief.variance())),
-                )
+            if lane.wait == 0 {
+                lane.wait = lane.every;
+                let numbers = written.get_or_insert_with(
+                    #[inline(always)]
+                    || {
+                        let (x, v) = (belief.mean(), belief.variance());
+                        let [a, b, c, d] = x.q;
+                        let [e, f, g] = x.bias;
+                        unpacked(&[a, b, c, d, e, f, g, v[0], v[1], v[2], v[3], v[4], v[5]])
+                    },
+                );
+                let at = |k: usize| numbers[k][i];
+                let state = State {
+                    q: [at(0), at(1), at(2), at(3)],
+                    bias: [at(4), at(5), at(6)],
+                    variance: [at(7), at(8), at(9), at(10), at(11), at(12)],
+                };
+                lane.writer.row(course.t[i], lane.first + lane.leg, &state, || {
+                    let p = belief.covariance();
+                    std::array::from_fn(|r| std::array::from_fn(|c| p[(r, c)].lane(i)))
+                });
+            }
+            lane.wait -= 1;
+            lane.leg += 1;
+            let next = lane.first + lane.leg;
+            let times = lane.log.gyro.t;
+            if next >= times.len() {
+                lane.state = Ok(false);
+                course.stop(i);
+            } else if times[next].partial_cmp(&times[next - 1]) == Some(Ordering::Greater) {
+                course.depart(i, lane);
             } else {
-                ([[0.0; LANES]; 7], [[0.0; LANES]; 6])
-            };
-            let state = || State {
-                q: std::array::from_fn(|c| mean[c][i]),
-                bias: std::array::from_fn(|c| mean[4 + c][i]),
-                variance: std::array::from_fn(|c| variance[c][i]),
-            };
-            lane.arrive(state, || {
-                let p = belief.covariance();
-                std::array::from_fn(|r| std::array::from_fn(|c| p[(r, c)].lane(i)))
-            });
+                let (previous, value) = (times[next - 1], times[next]);
+                lane.state = Err(Error::NotIncreasing { field: "gyro.t", row: next, previous, value });
+                course.stop(i);
+            }
         }
     }
 
     #[inline(always)]
-    fn finish<T: Real<Pack = T>>(self, belief: &F::Belief<AttitudeBias, T, 6>) -> Vec<Ended> {
+    fn finish<T: Real<Pack = T>>(self, belief: &F::Belief<AttitudeBias, T, 6>, course: &Course) -> Vec<Ended> {
         let cov = belief.covariance();
         let end = |(i, lane): (usize, Lane<'_>)| {
             lane.state?;
             Ok(End {
-                t: lane.t,
+                t: course.t[i],
                 mean: AttitudeBias::map(belief.mean(), |x: T| x.lane(i)),
                 covariance: from_fn(|r, c| cov[(r, c)].lane(i)),
                 outside: lane.before + lane.log.sensors.len() - lane.measurement,

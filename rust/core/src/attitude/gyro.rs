@@ -51,28 +51,54 @@ impl Family for GyroInputs {
     }
 }
 
-/// Blocks of the exact discretisation over one step of rotation vector `φ = ω dt`.
+/// Blocks of the exact discretisation over one step of rotation vector `φ = ω dt`; each is made where it is asked for,
+/// since all of them together do not fit into registers.
 pub(super) struct Blocks<T: Real> {
     /// Rotation of the body, by the integrator.
     turn: Quaternion<T>,
-    /// `exp(−[φ]×)`: attitude error to attitude error.
-    rotation: Matrix<T, 3, 3>,
-    /// `−dt J_r(φ)`: bias error to attitude error.
-    pub(super) coupling: Matrix<T, 3, 3>,
-    noise_attitude: Matrix<T, 3, 3>,
-    noise_cross: Matrix<T, 3, 3>,
-    noise_bias: T,
+    of: Turn<T>,
+    dt: T,
+    /// Density of the angle noise.
+    angle: T,
+    /// Density of the rate noise.
+    rate: f64,
 }
 
 impl<T: Real> Blocks<T> {
+    /// `exp(−[φ]×)`: attitude error to attitude error.
+    #[inline(always)]
+    fn rotation(&self) -> Matrix<T, 3, 3> {
+        self.of.skew.matrix(T::one(), -self.of.sinc, self.of.coefficients[0])
+    }
+    /// `−dt J_r(φ)`: bias error to attitude error.
+    #[inline(always)]
+    pub(super) fn coupling(&self) -> Matrix<T, 3, 3> {
+        let [c1, c2, _, _] = self.of.coefficients;
+        self.of.skew.matrix(-self.dt, self.dt * c1, -(self.dt * c2))
+    }
+    #[inline(always)]
+    fn noise_attitude(&self) -> Matrix<T, 3, 3> {
+        let w3 = self.dt * self.dt * self.dt * self.rate;
+        self.of.skew.even(w3.mul_add(T::splat(1.0 / 3.0), self.dt * self.angle), w3 * self.of.coefficients[3])
+    }
+    #[inline(always)]
+    fn noise_cross(&self) -> Matrix<T, 3, 3> {
+        let (w2, [_, c2, c3, _]) = (self.dt * self.dt * self.rate, self.of.coefficients);
+        self.of.skew.matrix(w2 * -0.5, w2 * c2, -(w2 * c3))
+    }
+    #[inline(always)]
+    fn noise_bias(&self) -> T {
+        self.dt * self.rate
+    }
     #[inline(always)]
     fn noise(&self) -> Matrix<T, 6, 6> {
+        let cross = self.noise_cross();
         let mut q = zeros();
-        set_block(&mut q, 0, 0, &self.noise_attitude);
-        set_block(&mut q, 0, 3, &self.noise_cross);
-        set_block(&mut q, 3, 0, &transpose(&self.noise_cross));
+        set_block(&mut q, 0, 0, &self.noise_attitude());
+        set_block(&mut q, 0, 3, &cross);
+        set_block(&mut q, 3, 0, &transpose(&cross));
         for i in 3..6 {
-            q[(i, i)] = self.noise_bias;
+            q[(i, i)] = self.noise_bias();
         }
         q
     }
@@ -94,19 +120,15 @@ impl GyroModel {
     pub(super) fn blocks<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, dt: T) -> Blocks<T> {
         let rotation = rotation_vector(x, u, dt);
         let turn = Turn::new(&rotation);
-        let (skew, [c1, c2, c3, c4]) = (&turn.skew, turn.coefficients);
-        let (arw2, rrw2) = (self.arw * self.arw, self.rrw * self.rrw);
-        let (w2, w3) = (dt * dt * rrw2, dt * dt * dt * rrw2);
         Blocks {
             turn: match self.integrator {
                 Integrator::Exponential => turn.q,
                 other @ Integrator::Rk4 => quaternion::turn(&rotation, other),
             },
-            rotation: skew.matrix(T::one(), -turn.sinc, c1),
-            coupling: skew.matrix(-dt, dt * c1, -(dt * c2)),
-            noise_attitude: skew.even(w3.mul_add(T::splat(1.0 / 3.0), dt * (u.extra + T::splat(arw2))), w3 * c4),
-            noise_cross: skew.matrix(w2 * -0.5, w2 * c2, -(w2 * c3)),
-            noise_bias: dt * rrw2,
+            of: turn,
+            dt,
+            angle: u.extra + T::splat(self.arw * self.arw),
+            rate: self.rrw * self.rrw,
         }
     }
 }
@@ -157,8 +179,8 @@ impl Dynamics<6> for GyroModel {
     fn transition<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, _t: T, dt: T) -> Matrix<T, 6, 6> {
         let b = self.blocks(x, u, dt);
         let mut f = identity();
-        set_block(&mut f, 0, 0, &b.rotation);
-        set_block(&mut f, 0, 3, &b.coupling);
+        set_block(&mut f, 0, 0, &b.rotation());
+        set_block(&mut f, 0, 3, &b.coupling());
         f
     }
 
@@ -178,11 +200,37 @@ impl Dynamics<6> for GyroModel {
         dt: T,
     ) -> (Attitude<T>, Matrix<T, 6, 6>, Matrix<T, 6, 6>) {
         let b = self.blocks(x, u, dt);
-        let turned_rows: Matrix<T, 3, 6> = mul(&b.rotation, &block::<T, 6, 6, 3, 6>(root, 0, 0));
-        let coupled: Matrix<T, 3, 6> = mul(&b.coupling, &block::<T, 6, 6, 3, 6>(root, 3, 0));
+        let turned_rows: Matrix<T, 3, 6> = mul(&b.rotation(), &block::<T, 6, 6, 3, 6>(root, 0, 0));
+        let coupled: Matrix<T, 3, 6> = mul(&b.coupling(), &block::<T, 6, 6, 3, 6>(root, 3, 0));
         let mut image = *root;
         set_block(&mut image, 0, 0, &add(&turned_rows, &coupled));
         (turned(x, &b.turn), image, b.noise())
+    }
+
+    /// `[[√S, X], [0, √r I]]` with `r` the noise of the bias, `X` that of both over `√r`, and `S` what is left of that of the
+    /// attitude. All blocks are polynomials of one skew matrix and commute, so that `S = α I + γ [φ]×²` is
+    /// known without a subtraction, and its symmetric root by two square roots.
+    #[inline(always)]
+    fn noise_factor<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, _t: T, dt: T) -> Matrix<T, 6, 6> {
+        let b = self.blocks(x, u, dt);
+        let (theta2, [_, c2, c3, c4]) = (b.of.skew.theta2(), b.of.coefficients);
+        let w3 = dt * dt * dt * b.rate;
+        let alpha = w3.mul_add(T::splat(1.0 / 12.0), dt * b.angle);
+        let gamma = w3 * (c2.mul_add(c2, c3 * c3 * theta2) + (c4 - c3));
+        let across = alpha - gamma * theta2;
+        let across = T::select(across.gt(T::zero()), across, T::zero()).sqrt();
+        let along = alpha.sqrt();
+        let some = along.gt(T::zero());
+        let bend = T::select(some, gamma / (across + T::select(some, along, T::one())), T::zero());
+        let bias = b.noise_bias().sqrt();
+        let cross = bias * dt;
+        let mut root = zeros();
+        set_block(&mut root, 0, 0, &b.of.skew.even(along, bend));
+        set_block(&mut root, 0, 3, &b.of.skew.matrix(cross * -0.5, cross * c2, -(cross * c3)));
+        for i in 3..6 {
+            root[(i, i)] = bias;
+        }
+        root
     }
 
     /// `F P Fᵀ + Q` in 3×3 blocks.
@@ -196,19 +244,57 @@ impl Dynamics<6> for GyroModel {
         dt: T,
     ) -> (Attitude<T>, Matrix<T, 6, 6>) {
         let b = self.blocks(x, u, dt);
-        let (rotation, coupling) = (Packed::new(&b.rotation), Packed::new(&b.coupling));
+        let (rotation, coupling) = (b.rotation(), b.coupling());
+        let (r, c) = (Packed::new(&rotation), Packed::new(&coupling));
         // the upper half of F P: rows of the attitude, columns of attitude and bias
-        let left = Packed::<T, 3, 3>::product::<3>(&rotation, |k, j| p[(k, j)]).plus(&coupling, |k, j| p[(k + 3, j)]);
-        let right =
-            Packed::<T, 3, 3>::product::<3>(&rotation, |k, j| p[(k, j + 3)]).plus(&coupling, |k, j| p[(k + 3, j + 3)]);
-        let attitude = Packed::new(&b.noise_attitude)
-            .plus(&left, |k, j| b.rotation[(j, k)])
-            .plus(&right, |k, j| b.coupling[(j, k)]);
-        let bias = |i: usize, j: usize| {
-            let old = p[(i + 3, j + 3)];
-            if i == j { old + b.noise_bias } else { old }
-        };
-        let cov = of_blocks(&attitude, &right.add(&Packed::new(&b.noise_cross)), bias);
+        let left = Packed::<T, 3, 3>::two_products::<3>(
+            (
+                &r,
+                #[inline(always)]
+                |k, j| p[(k, j)],
+            ),
+            (
+                &c,
+                #[inline(always)]
+                |k, j| p[(k + 3, j)],
+            ),
+        );
+        let right = Packed::<T, 3, 3>::two_products::<3>(
+            (
+                &r,
+                #[inline(always)]
+                |k, j| p[(k, j + 3)],
+            ),
+            (
+                &c,
+                #[inline(always)]
+                |k, j| p[(k + 3, j + 3)],
+            ),
+        );
+        let attitude = Packed::<T, 3, 3>::two_products::<3>(
+            (
+                &left,
+                #[inline(always)]
+                |k, j| rotation[(j, k)],
+            ),
+            (
+                &right,
+                #[inline(always)]
+                |k, j| coupling[(j, k)],
+            ),
+        );
+        let attitude = attitude.add(&Packed::new(&b.noise_attitude()));
+        let cross = right.add(&Packed::new(&b.noise_cross()));
+        let noise = b.noise_bias();
+        let cov = of_blocks(
+            &attitude,
+            &cross,
+            #[inline(always)]
+            |i, j| {
+                let old = p[(i + 3, j + 3)];
+                if i == j { old + noise } else { old }
+            },
+        );
         (turned(x, &b.turn), cov)
     }
 }
@@ -240,16 +326,33 @@ impl GyroTiming {
     /// Input between two samples that are `dt` apart.
     #[inline(always)]
     pub fn between(&self, before: &[f64; 3], after: &[f64; 3], dt: f64) -> GyroInput<f64> {
-        let mean = [0.5 * (before[0] + after[0]), 0.5 * (before[1] + after[1]), 0.5 * (before[2] + after[2])];
+        self.input(
+            #[inline(always)]
+            || *before,
+            #[inline(always)]
+            || *after,
+            dt,
+        )
+    }
+
+    /// [`Self::between`] of samples that are looked up only if they are needed.
+    #[inline(always)]
+    pub(super) fn input(&self, before: impl Fn() -> [f64; 3], after: impl Fn() -> [f64; 3], dt: f64) -> GyroInput<f64> {
         if dt > self.max_gap {
             // as a density, so that fixes inside the gap may divide it: (σ dt)² at its end
-            return GyroInput { rate: mean, extra: self.gap_rate_sigma * self.gap_rate_sigma * dt };
+            let extra = self.gap_rate_sigma * self.gap_rate_sigma * dt;
+            return GyroInput { rate: middle(&before(), &after()), extra };
         }
         let rate = match self.sampling {
-            Sampling::Hold => *before,
-            Sampling::Integrated => *after,
-            Sampling::Average => mean,
+            Sampling::Hold => before(),
+            Sampling::Integrated => after(),
+            Sampling::Average => middle(&before(), &after()),
         };
         GyroInput { rate, extra: 0.0 }
     }
+}
+
+#[inline(always)]
+fn middle(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])]
 }

@@ -72,7 +72,7 @@ impl Dynamics<6> for Invariant {
     fn transition<T: Real>(&self, x: &Attitude<T>, u: &GyroInput<T>, t: T, dt: T) -> Matrix<T, 6, 6> {
         let after = to_matrix(&self.0.step(x, u, t, dt).q);
         let mut f = identity();
-        set_block(&mut f, 0, 3, &mul(&after, &self.0.blocks(x, u, dt).coupling));
+        set_block(&mut f, 0, 3, &mul(&after, &self.0.blocks(x, u, dt).coupling()));
         f
     }
     #[inline(always)]

@@ -35,14 +35,23 @@ impl GyroSeries<'_> {
     /// Rate of sample `k` in the body frame.
     #[inline(always)]
     pub fn at(&self, k: usize) -> [f64; 3] {
-        self.turn.as_ref().map_or(self.rate[k], |turn| turned(turn, &self.rate[k]))
+        match &self.turn {
+            None => self.rate[k],
+            Some(turn) => turned(turn, &self.rate[k]),
+        }
     }
 
     /// Input between samples `k` and `k + 1`.
     #[inline(always)]
     pub fn between(&self, k: usize) -> GyroInput<f64> {
         let next = (k + 1).min(self.t.len() - 1);
-        self.timing.between(&self.at(k), &self.at(next), self.t[next] - self.t[k])
+        self.timing.input(
+            #[inline(always)]
+            || self.at(k),
+            #[inline(always)]
+            || self.at(next),
+            self.t[next] - self.t[k],
+        )
     }
 }
 

@@ -28,6 +28,9 @@ impl Family for AttitudeBias {
 }
 
 impl Manifold<6> for AttitudeBias {
+    /// The attitude error.
+    const RESETS: usize = 3;
+
     #[inline(always)]
     fn retract<T: Real>(x: &Attitude<T>, d: &Vector<T, 6>) -> Attitude<T> {
         let turn = quaternion::exp(&[d[0], d[1], d[2]]);

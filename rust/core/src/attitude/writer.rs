@@ -71,7 +71,7 @@ impl<'a, Y> Writer<'a, Y> {
     }
 
     #[inline(always)]
-    pub(super) fn report(&mut self, i: usize, report: &Report) {
+    pub(super) fn report(&mut self, (sensor, row): (usize, usize), report: &Report) {
         let n = self.reports;
         self.reports += 1;
         let m = &mut self.measured;
@@ -79,7 +79,6 @@ impl<'a, Y> Writer<'a, Y> {
             tally.add(report);
         }
         if n < m.t.len() {
-            let (sensor, row) = self.sensors.source(i);
             m.t[n] = self.sensors.sensors()[sensor].times()[row];
             write(m.sensor, n, sensor as i32);
             write(m.row, n, row as i32);
@@ -121,7 +120,7 @@ impl<Y: System<N>, const N: usize> Sink<Y::Space, N> for Writer<'_, Y> {
 
     #[inline(always)]
     fn measured(&mut self, i: usize, report: &Report) {
-        self.report(i, report);
+        self.report(self.sensors.source(i), report);
     }
 }
 

@@ -2,7 +2,9 @@
 
 use super::{Filter, cast};
 use crate::belief::{Gaussian, Joint, Outcome, finite, healthy};
-use crate::linalg::{Matrix, Vector, add, cholesky, diagonal, from_fn, ldl, square, symmetric, transpose};
+use crate::linalg::{
+    Matrix, Vector, add, block, cholesky, diagonal, dot, from_fn, identity, ldl, square, symmetric, transpose,
+};
 use crate::manifold::{Family, Manifold, take_matrix};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
 use crate::packed::{Packed, gain};
@@ -23,6 +25,19 @@ pub struct Ekf {
 impl Default for Ekf {
     fn default() -> Self {
         Self { reset: true }
+    }
+}
+
+impl Ekf {
+    /// The reset after a correction. One by nothing changes nothing; to choose between two matrices would put both into
+    /// memory.
+    #[inline(always)]
+    fn turned<T: Real, const N: usize>(&self, step: &Vector<T, N>) -> Vector<T, N> {
+        let mut turned = *step;
+        for d in &mut turned {
+            *d = if self.reset { *d } else { T::zero() };
+        }
+        turned
     }
 }
 
@@ -79,16 +94,12 @@ impl Filter for Ekf {
         let noise = sensor.noise(given);
         let innovation = sensor.residual(z, &sensor.predict(x, given));
         let Corrected { cov, step, covariance, nis, factored } = if H::DIRECT {
-            direct(p, &noise, &innovation)
+            direct::<H::Space, T, N, M>(self, x, p, &noise, &innovation)
         } else {
-            seen_through(sensor, &sensor.jacobian(x, given), p, &noise, &innovation)
+            let mut c = seen_through(sensor, &sensor.jacobian(x, given), p, &noise, &innovation);
+            c.cov = H::Space::transport(x, &self.turned(&c.step), &c.cov);
+            c
         };
-        // a reset by nothing changes nothing; to choose between two matrices would put both into memory
-        let mut turned = step;
-        for d in &mut turned {
-            *d = if self.reset { *d } else { T::zero() };
-        }
-        let cov = H::Space::transport(x, &turned, &cov);
         let mean = H::Space::normalise(&H::Space::retract(x, &step));
         let ok = factored.and(healthy::<H::Space, T, N>(&mean, &diagonal(&cov)));
         let accepted = ok.and(gate.gt(nis));
@@ -98,7 +109,7 @@ impl Filter for Ekf {
     }
 }
 
-/// What a measurement makes of a covariance.
+/// What a measurement makes of a covariance, in [`direct`] after the reset.
 struct Corrected<T: Real, const N: usize, const M: usize> {
     cov: Matrix<T, N, N>,
     /// The correction of the state.
@@ -128,26 +139,72 @@ fn seen_through<H: Measurement<N, M>, T: Real, const N: usize, const M: usize>(
 
 /// Correction by a measurement of the first `M` error states themselves. With `P = [A B; Bᵀ C]` and `S = A + R` what
 /// is left of the rows it sees, `(I − K H) P`, is `R S⁻¹ [A B]`: a product, in which nothing cancels, however small `R` is
-/// beside `A`. What is left of `C` is `C − Bᵀ S⁻¹ B`.
+/// beside `A`. What is left of `C` is `C − Bᵀ S⁻¹ B`. A reset that mixes these states alone, by `J`, is one more factor of the
+/// product, `J R S⁻¹ [A B]`, and of the columns of `A`.
 #[inline(always)]
-fn direct<T: Real, const N: usize, const M: usize>(
+fn direct<S: Manifold<N>, T: Real, const N: usize, const M: usize>(
+    filter: &Ekf,
+    x: &S::Of<T>,
     p: &Matrix<T, N, N>,
     noise: &Matrix<T, M, M>,
     innovation: &Vector<T, M>,
 ) -> Corrected<T, N, M> {
-    let covariance = symmetric::<T, M>(|i, j| p[(i, j)] + noise[(i, j)]);
+    let covariance = symmetric::<T, M>(
+        #[inline(always)]
+        |i, j| p[(i, j)] + noise[(i, j)],
+    );
     let factor = ldl(&covariance);
-    let inverse = Packed::inverse(&factor);
-    let seen = Packed::<T, N, M>::from_fn(|i, j| p[(i, j)]);
-    let step = seen.apply(&inverse.apply(innovation));
-
-    let left = Packed::<T, M, M>::product::<M>(&Packed::new(noise), |k, j| inverse.at(k, j));
-    let top = Packed::<T, M, N>::product::<M>(&left, |k, j| p[(k, j)]);
-    let solved = Packed::<T, M, N>::columns_of_product::<M>(M, &inverse, |k, j| p[(k, j)]);
-    let cov = symmetric(
+    let inverse = factor.inverse();
+    let packed = Packed::new(&inverse);
+    let weighed = packed.apply(innovation);
+    let nis = dot::<T, M>(
+        #[inline(always)]
+        |i| innovation[i],
+        #[inline(always)]
+        |i| weighed[i],
+    );
+    let seen = Packed::<T, N, M>::from_fn(
+        #[inline(always)]
+        |i, j| p[(i, j)],
+    );
+    let step = seen.apply(&weighed);
+    let solved = Packed::<T, M, N>::columns_of_product::<M>(
+        M,
+        &packed,
+        #[inline(always)]
+        |k, j| p[(k, j)],
+    );
+    let mut left = Packed::<T, M, M>::product::<M>(
+        &Packed::new(noise),
+        #[inline(always)]
+        |k, j| inverse[(k, j)],
+    );
+    let reset: Matrix<T, M, M> =
+        if S::RESETS == M { block(&S::reset(x, &filter.turned(&step)), 0, 0) } else { identity() };
+    if S::RESETS == M {
+        left = Packed::<T, M, M>::product::<M>(
+            &Packed::new(&reset),
+            #[inline(always)]
+            |k, j| left.at(k, j),
+        );
+    }
+    let top = Packed::<T, M, N>::product::<M>(
+        &left,
+        #[inline(always)]
+        |k, j| p[(k, j)],
+    );
+    let mut own = top.block::<M>(0);
+    if S::RESETS == M {
+        own = Packed::<T, M, M>::product::<M>(
+            &own,
+            #[inline(always)]
+            |k, j| reset[(j, k)],
+        );
+    }
+    let mut cov = symmetric(
         #[inline(always)]
         |i, j| match (i < M, j < M) {
-            (true, _) => top.at(i, j),
+            (true, _) => own.at(i, j),
             (false, true) => top.at(j, i),
             (false, false) => {
                 let mut rest = p[(i, j)];
@@ -158,7 +215,10 @@ fn direct<T: Real, const N: usize, const M: usize>(
             }
         },
     );
-    Corrected { cov, step, covariance, nis: factor.quadratic(innovation), factored: factor.ok }
+    if S::RESETS != M {
+        cov = S::transport(x, &filter.turned(&step), &cov);
+    }
+    Corrected { cov, step, covariance, nis, factored: factor.ok }
 }
 
 /// Joseph's form `(I − K H) P (I − K H)ᵀ + K R Kᵀ`, multiplied out one factor at a time. Signal and noise

@@ -9,7 +9,7 @@ use crate::linalg::{
 };
 use crate::manifold::{Family, Manifold, components, take_matrix};
 use crate::model::{Dynamics, Given, Input, Measurement, Value};
-use crate::scalar::{Mask, Real};
+use crate::scalar::{Level, Mask, Real};
 
 /// Unscented Kalman filter that carries a square root of the covariance and never forms, subtracts
 /// or factors the covariance itself: weighted deviations are absorbed into a triangular factor by
@@ -87,8 +87,10 @@ impl<T: Real> Reflection<T> {
         let norm = pivot.mul_add(pivot, square).sqrt();
         let some = norm.gt(T::zero());
         let inverse = T::select(some, T::select(some, norm, T::one()).recip(), T::zero());
-        let moved = square.gt(T::zero());
-        let ratio = T::select(moved, (pivot + norm) * inverse / T::select(moved, square, T::one()), T::zero());
+        // one division beside the other, not after it
+        let under = norm * square;
+        let moved = under.gt(T::zero());
+        let ratio = T::select(moved, (pivot + norm) / T::select(moved, under, T::one()), T::zero());
         Self { pivot, norm, inverse, ratio }
     }
     /// Applies it to another row: its entry of the factor and its columns.
@@ -101,20 +103,44 @@ impl<T: Real> Reflection<T> {
     }
 }
 
+/// Calls a step for each row up to the last one. The first ones are steps of their own, by constants: rows then lie in
+/// registers and on the stack as they are used, not as a table that is filled with zeros beforehand. At the baseline, where a
+/// pack is an array, that would take minutes to compile.
+macro_rules! each_row {
+    ($rows:expr, $step:ident $arguments:tt, $($j:literal)*) => {
+        let unrolled = if matches!(T::LEVEL, Level::Portable) { 0 } else { UNROLLED };
+        $(if $j < unrolled && $j < $rows {
+            $step!($j, $arguments);
+        })*
+        for j in unrolled..$rows {
+            $step!(j, $arguments);
+        }
+    };
+}
+
+/// Rows that [`each_row`] takes one by one.
+const UNROLLED: usize = 6;
+
+macro_rules! absorb_one {
+    ($j:expr, ($factor:ident, $rows:ident)) => {
+        let own = $rows[$j];
+        let reflection = Reflection::new($factor[($j, $j)], own.dot(&own));
+        $factor[($j, $j)] = reflection.norm;
+        for i in 0..R {
+            if i > $j {
+                reflection.apply(&own, &mut $factor[(i, $j)], &mut $rows[i]);
+            }
+        }
+    };
+}
+
 /// Absorbs columns into a lower-triangular factor: `L Lᵀ + A Aᵀ` becomes `L Lᵀ`.
 #[inline(always)]
 fn absorb<T: Real, const R: usize, const N: usize, const G: usize>(
     factor: &mut Matrix<T, R, R>,
     rows: &mut [Row<T, N, G>; R],
 ) {
-    for j in 0..R {
-        let own = rows[j];
-        let reflection = Reflection::new(factor[(j, j)], own.dot(&own));
-        factor[(j, j)] = reflection.norm;
-        for i in j + 1..R {
-            reflection.apply(&own, &mut factor[(i, j)], &mut rows[i]);
-        }
-    }
+    each_row!(R, absorb_one(factor, rows), 0 1 2 3 4 5);
 }
 
 #[inline(always)]
@@ -139,17 +165,22 @@ impl<T: Real, const N: usize, const M: usize> Stacked<T, N, M> {
     #[inline(always)]
     fn new<const G: usize>(root: Matrix<T, M, M>, mut e: [Row<T, N, G>; M], mut d: [Row<T, N, G>; N]) -> Self {
         let mut new = Self { root, gain: zeros(), rest: zeros() };
-        for j in 0..M {
-            let own = e[j];
-            let reflection = Reflection::new(new.root[(j, j)], own.dot(&own));
-            new.root[(j, j)] = reflection.norm;
-            for i in j + 1..M {
-                reflection.apply(&own, &mut new.root[(i, j)], &mut e[i]);
-            }
-            for i in 0..N {
-                reflection.apply(&own, &mut new.gain[(i, j)], &mut d[i]);
-            }
+        macro_rules! observe {
+            ($j:expr, ($e:ident, $d:ident)) => {
+                let own = $e[$j];
+                let reflection = Reflection::new(new.root[($j, $j)], own.dot(&own));
+                new.root[($j, $j)] = reflection.norm;
+                for i in 0..M {
+                    if i > $j {
+                        reflection.apply(&own, &mut new.root[(i, $j)], &mut $e[i]);
+                    }
+                }
+                for i in 0..N {
+                    reflection.apply(&own, &mut new.gain[(i, $j)], &mut $d[i]);
+                }
+            };
         }
+        each_row!(M, observe(e, d), 0 1 2 3 4 5);
         absorb(&mut new.rest, &mut d);
         new
     }
@@ -247,10 +278,10 @@ impl Filter for SrUkf {
         t: T,
         dt: T,
     ) -> T::Mask {
-        let moved = Spread::<D, T, N>::new(&self.weights, (&belief.mean, &belief.factor), dynamics, u, t, dt);
+        let mut moved = Spread::<D, T, N>::new(&self.weights, (&belief.mean, &belief.factor), dynamics, u, t, dt);
         let noise = dynamics.noise_factor(&belief.mean, u, t, dt);
         // images and mean, carried over the reset of the small mean deviation, beside a root of the noise
-        let (mut plus, mut minus) = (moved.images.plus, moved.images.minus);
+        let Images { plus, minus } = &mut moved.images;
         let mut mean = [components(|i| moved.mean[i].stack())];
         D::Space::carry_columns::<T>(&moved.centre, &moved.mean, &mut plus[..packs::<T, N>()]);
         D::Space::carry_columns::<T>(&moved.centre, &moved.mean, &mut minus[..packs::<T, N>()]);

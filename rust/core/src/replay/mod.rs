@@ -179,8 +179,9 @@ pub struct Replay<'a, F, D, I, Q> {
 struct Cursor<B> {
     belief: B,
     t: f64,
-    /// Next measurement.
+    /// Next measurement, and its time, not a number after the last one: asked for once, not at every event.
     measurement: usize,
+    due: f64,
     /// What an update may go back over.
     window: Window<B>,
     evidence: Evidence,
@@ -208,12 +209,16 @@ impl Default for Evidence {
 impl Evidence {
     #[inline(always)]
     pub(crate) fn add(&mut self, report: &Report) {
-        if !report.accepted {
-            return;
+        if report.accepted {
+            self.add_accepted(report, report.determinant());
         }
+    }
+    /// One that was accepted, by the determinant of its innovation's covariance.
+    #[inline(always)]
+    pub(crate) fn add_accepted(&mut self, report: &Report, determinant: f64) {
         self.squares += report.nis;
         self.numbers += report.dof;
-        self.product *= report.determinant();
+        self.product *= determinant;
         // a normal number's exponent, taken out of its bits
         const ONE: u64 = 1023 << 52;
         let bits = self.product.to_bits();
@@ -271,6 +276,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             belief,
             t: start.t,
             measurement: before,
+            due: self.due::<D::Space, N>(before),
             window,
             evidence: Evidence::default(),
             written: 0,
@@ -325,7 +331,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             if cursor.events.is_multiple_of(CHUNK) {
                 poll(k)?;
             }
-            let (to, event) = self.next_event::<D::Space, _, N>(cursor, start.t, end);
+            let (to, event) = self.next_event(cursor, start.t, end);
             let before = (event == Event::PeriodicOutput).then_some(cursor.belief);
             if to > cursor.t {
                 if before.is_none() {
@@ -348,6 +354,7 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
             }
             let i = cursor.measurement;
             cursor.measurement += 1;
+            cursor.due = self.due::<D::Space, N>(i + 1);
             if start.used == Some(i) {
                 continue;
             }
@@ -361,18 +368,18 @@ impl<F: Filter, D, I, Q> Replay<'_, F, D, I, Q> {
         }
     }
 
+    /// Time of measurement `i`, not a number (never due) after the last one.
     #[inline(always)]
-    fn next_event<S: Manifold<N>, B, const N: usize>(&self, cursor: &Cursor<B>, start: f64, end: f64) -> (f64, Event)
+    fn due<S: Manifold<N>, const N: usize>(&self, i: usize) -> f64
     where
         Q: Sensors<S, N>,
     {
-        let mut next = (end, Event::EndOfLeg);
-        if cursor.measurement < self.sensors.len() {
-            let t = self.sensors.time(cursor.measurement);
-            if t <= end {
-                next = (t, Event::Measurement);
-            }
-        }
+        if i < self.sensors.len() { self.sensors.time(i) } else { f64::NAN }
+    }
+
+    #[inline(always)]
+    fn next_event<B>(&self, cursor: &Cursor<B>, start: f64, end: f64) -> (f64, Event) {
+        let next = if cursor.due <= end { (cursor.due, Event::Measurement) } else { (end, Event::EndOfLeg) };
         if let Output::Period(period) = self.output {
             let t = start + cursor.written as f64 * period;
             if t < next.0 || t == end && next.1 == Event::EndOfLeg {

@@ -1,11 +1,11 @@
-//! The one place that knows about instruction sets, and, beside the registers of `avx2`, the one with `unsafe`: a generic run
+//! The one place that knows about instruction sets, and, beside the registers of `avx2` and `avx512`, the one with `unsafe`: a generic run
 //! is instantiated inside functions compiled for different instruction sets, and the choice between
 //! them is made at run time, once per run.
 #![allow(unsafe_code)]
 
 use super::Real;
 #[cfg(target_arch = "x86_64")]
-use super::{Fused, Wide};
+use super::{Fused, Wide, Wide512};
 
 /// Instruction set that a run is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +14,8 @@ pub enum Level {
     Portable,
     /// x86-64 with AVX2 and FMA.
     Avx2,
+    /// The same, with lanes in registers of AVX-512. One problem alone runs as at [`Level::Avx2`]: it would not fill them.
+    Avx512,
 }
 
 /// A computation that is generic over its scalar. Its body must be `#[inline(always)]` all the way
@@ -36,7 +38,7 @@ pub trait RunWide {
 impl Level {
     /// The widest level this processor has.
     pub fn best() -> Self {
-        if Self::Avx2.available() { Self::Avx2 } else { Self::Portable }
+        [Self::Avx512, Self::Avx2].into_iter().find(|level| level.available()).unwrap_or(Self::Portable)
     }
 
     /// Whether this processor has the level.
@@ -45,16 +47,23 @@ impl Level {
             Self::Portable => true,
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                Self::Avx2.available()
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+            }
             #[cfg(not(target_arch = "x86_64"))]
-            Self::Avx2 => false,
+            Self::Avx2 | Self::Avx512 => false,
         }
     }
 
     /// Runs `job` at this level, or at the baseline where the processor does not have it.
     pub fn run<R: Run>(self, job: R) -> R::Output {
         #[cfg(target_arch = "x86_64")]
-        if self == Self::Avx2 && self.available() {
-            // SAFETY: the processor has the features, checked in the line above.
+        if self != Self::Portable && self.available() {
+            // SAFETY: the processor has the features, checked in the line above; each level has those of the one before it.
             return unsafe { avx2(job) };
         }
         job.run::<f64>()
@@ -63,7 +72,7 @@ impl Level {
     /// Whether eight problems side by side are faster here than one after the other: only vector registers make
     /// them so, and each is one more copy of a whole filter.
     pub fn has_lanes(self) -> bool {
-        self == Self::Avx2 && self.available()
+        self != Self::Portable && self.available()
     }
 
     /// Runs `job` on the lanes of this level; None where it has none.
@@ -71,7 +80,7 @@ impl Level {
         #[cfg(target_arch = "x86_64")]
         if self.has_lanes() {
             // SAFETY: the processor has the features, checked in the line above.
-            return Some(unsafe { avx2_wide(job) });
+            return Some(unsafe { if self == Self::Avx512 { avx512_wide(job) } else { avx2_wide(job) } });
         }
         let _ = job;
         None
@@ -82,6 +91,12 @@ impl Level {
 #[target_feature(enable = "avx2,fma")]
 fn avx2_wide<R: RunWide>(job: R) -> R::Output {
     job.run::<Wide>()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma,avx512f,avx512dq,avx512vl")]
+fn avx512_wide<R: RunWide>(job: R) -> R::Output {
+    job.run::<Wide512>()
 }
 
 #[cfg(target_arch = "x86_64")]

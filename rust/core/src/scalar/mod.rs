@@ -6,6 +6,8 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod dispatch;
 pub mod elementary;
 mod lanes;
@@ -16,6 +18,8 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 #[cfg(target_arch = "x86_64")]
 pub use avx2::{Wide, WideMask};
+#[cfg(target_arch = "x86_64")]
+pub use avx512::{Mask512, Wide512};
 pub(crate) use dispatch::{Baseline, Runner};
 pub use dispatch::{Level, Run, RunWide};
 pub use lanes::{Lanes, Mask8};
@@ -117,6 +121,11 @@ pub trait Real:
             p = p.mul_add(self, Self::splat(c[k]));
         }
         p
+    }
+    /// [`Self::poly`] in whatever order is fastest: to rounding the same, but not to the bit the same alone and in lanes.
+    #[inline(always)]
+    fn series<const K: usize>(self, c: [f64; K]) -> Self {
+        self.poly(c)
     }
 }
 

@@ -135,6 +135,35 @@ macro_rules! one_lane {
             fn map(self, mut f: impl FnMut(f64) -> f64) -> Self {
                 $new(f(self.lane(0)))
             }
+            /// By Estrin's scheme: one number alone waits for each step of Horner's, eight side by side do not.
+            #[inline(always)]
+            fn series<const K: usize>(self, c: [f64; K]) -> Self {
+                let mut terms = [0.0; K];
+                for i in 0..K {
+                    terms[i] = c[K - 1 - i];
+                }
+                let (mut x, mut count) = (self.lane(0), K);
+                // three halvings are enough for eight coefficients; the few that longer ones leave are summed
+                for _ in 0..3 {
+                    for i in 0..K {
+                        if 2 * i + 1 < count {
+                            terms[i] = mul_add::<$fma>(terms[2 * i + 1], x, terms[2 * i]);
+                        } else if 2 * i < count {
+                            terms[i] = terms[2 * i];
+                        }
+                    }
+                    count = count.div_ceil(2);
+                    x *= x;
+                }
+                let mut power = x;
+                for i in 1..K {
+                    if i < count {
+                        terms[0] = mul_add::<$fma>(terms[i], power, terms[0]);
+                        power *= x;
+                    }
+                }
+                $new(terms[0])
+            }
             #[inline(always)]
             fn gt(self, b: Self) -> bool {
                 self.lane(0) > b.lane(0)
