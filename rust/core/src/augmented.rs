@@ -79,6 +79,8 @@ fn mirror<T: Real, const H: usize, const N: usize>(m: &mut Matrix<T, N, N>) {
 }
 
 impl<S: Manifold<H>, const H: usize, const K: usize, const N: usize> Manifold<N> for JoinedSpace<S, H, K, N> {
+    const RESETS: usize = S::RESETS;
+
     #[inline(always)]
     fn retract<T: Real>(x: &Self::Of<T>, d: &Vector<T, N>) -> Self::Of<T> {
         let mut out = Joined { head: S::retract(&x.head, &first(d)), tail: x.tail };

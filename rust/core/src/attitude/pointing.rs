@@ -37,6 +37,8 @@ impl Family for PointingSpace {
 }
 
 impl Manifold<9> for PointingSpace {
+    const RESETS: usize = 3;
+
     #[inline(always)]
     fn retract<T: Real>(x: &Pointing<T>, d: &Vector<T, 9>) -> Pointing<T> {
         let (w, a) = (&x.rate, &x.acceleration);
