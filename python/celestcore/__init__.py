@@ -25,6 +25,7 @@ True
 
 from celestcore import (
     analysis,
+    campaign,
     ccsds,
     celestial,
     elements,
@@ -116,6 +117,7 @@ __all__ = [
     "VectorSensor",
     "__version__",
     "analysis",
+    "campaign",
     "ccsds",
     "celestial",
     "elements",

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from celestcore import cli
 from celestcore._files import check_output, replacing
+from celestcore.campaign._command import register
 from celestcore.errors import InputError
 from celestcore.solution import package_version
 from celestcore.summary import headline, spell_time, summary
@@ -338,6 +339,9 @@ def _progress(what: str = "replaying") -> Iterator[cli.Progress | None]:
     finally:
         if bar.live.is_started:
             bar.stop()
+
+
+register(app, _progress)
 
 
 def _show_replay(console: Console, result: dict[str, Any]) -> None:

@@ -306,7 +306,12 @@ def frame_of(tables: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
 
 
 def _columns(name: str, scores: Scores) -> dict[str, Any]:
-    out: dict[str, Any] = {"estimator": [name] * len(scores), "trial": scores.trial}
+    return {"estimator": [name] * len(scores), **score_columns(scores)}
+
+
+def score_columns(scores: Scores) -> dict[str, Any]:
+    """Return a column for each number of a trial."""
+    out: dict[str, Any] = {"trial": scores.trial}
     for column in (*_RMS, *_MEANS):
         values = getattr(scores, column)
         parts = {column: values} if values.ndim == 1 else split(column, values, ("x", "y", "z"))

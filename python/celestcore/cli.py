@@ -1,4 +1,4 @@
-"""The command line: ``celestcore replay``, ``info``, ``reproduce`` and ``bench``.
+"""The command line: ``celestcore replay``, ``info``, ``campaign``, ``reproduce`` and ``bench``.
 
 This module needs numpy only; the commands themselves (typer, rich) are in `_commands`.
 """
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
             code = _app()(args=arguments, prog_name="celestcore", standalone_mode=False)
             return _interrupted() if code == INTERRUPTED else int(code or 0)
         except CelestcoreError as error:
-            return _fail(str(error))
+            return _fail(str(error), getattr(error, "exit_code", 2))
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
