@@ -158,7 +158,7 @@ def show(console: Console, campaign: Campaign, results: Results) -> None:
     columns = _of_logs if campaign.logs else _of_trials
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in campaign.grid:
-        table.add_column(name, overflow="fold")
+        table.add_column(name, no_wrap=True)
     for name in columns(cells[0]):
         table.add_column(name, justify="right")
     for cell in cells[:SHOWN]:

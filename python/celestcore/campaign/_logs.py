@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from celestcore._tables import table_kind
 from celestcore.campaign._schema import LOGS, SCORED, checked
 from celestcore.config import Settings
 from celestcore.errors import InputError, MissingDependencyError, NumericalError
@@ -81,7 +82,7 @@ def found(values: Any, base: Path) -> dict[str, Path]:
 
 def _is_log(path: Path) -> bool:
     if path.is_dir():
-        return any(path.glob("*.parquet"))
+        return any(table_kind(file.stem) for file in path.glob("*.parquet"))
     return path.suffix.lower() in ENDINGS
 
 
