@@ -212,14 +212,14 @@ def test_smoothed_drawn_and_lists_in_the_grid(tmp_path: Path) -> None:
         ({"campaign": {"trials": 2.5}}, "campaign.trials, value 2.5: must be a whole number"),
         ({"campaign": {"smooth": 1}}, "campaign.smooth, value 1: must be true or false"),
         ({"campaign": {"seed": -1}}, "campaign.seed, value -1"),
-        ({"campaign": {"skip_s": 30.0}}, "leaves nothing to score"),
+        ({"campaign": {"skip_s": 30.0}}, "campaign.skip_s, value 30.0: leaves nothing to score"),
         ({"campaign": {"start": "late"}}, "start, value 'late': must be first_fix or drawn"),
-        ({"campaign": {"start": "drawn"}}, "sigma0"),
+        ({"campaign": {"start": "drawn"}}, r"\[start\]: is needed with start = .drawn."),
         ({"campaign": {"first": 2**56 - 2}}, "trials are counted"),
         ({"scenario": {"profile": "orbit"}}, "scenario.profile, value 'orbit': must be one of"),
         ({"scenario": {"raan_deg": 3}}, "scenario.raan_deg: is no key of the profile slews"),
         ({"scenario": {"duration": 3}}, "scenario.duration: unknown key; known are"),
-        ({"scenario": {"step_s": -1}}, "scenario.step, value -1.0: must be greater than 0"),
+        ({"scenario": {"step_s": -1}}, "scenario.step_s, value -1.0: must be greater than 0"),
         ({"scenario": None}, r"needs a table \[scenario\] to simulate, or \[logs\]"),
         ({"scenario": 3}, r"scenario, value 3: must be a table, write \[scenario\]"),
         ({"gyro": {"awr": 1e-6}}, "gyro.awr: unknown key"),
@@ -367,3 +367,13 @@ def test_a_sweep_of_a_unit_replaces_another(tmp_path: Path) -> None:
     swept = Campaign.from_dict({**config, "grid": {"star.sigma_arcsec": [5.0]}})
     plainly = Campaign.from_dict(changed(star={"sigma_arcsec": 5.0}, grid=None))
     assert swept.cells[0].text == plainly.cells[0].text
+
+
+def test_rows_of_another_version_are_told(tmp_path: Path, monkeypatch: Any) -> None:
+    small = changed(campaign={"trials": 1})
+    with monkeypatch.context() as patch:
+        for module in ("_run", "_work"):
+            patch.setattr(f"celestcore.campaign.{module}.package_version", lambda: "0.0.9")
+        campaign.run(small, tmp_path / "o", threads=1)
+    with pytest.warns(cc.CelestcoreWarning, match="also holds rows of celestcore 0.0.9"):
+        campaign.run(CONFIG, tmp_path / "o")

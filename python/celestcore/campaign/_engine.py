@@ -18,7 +18,7 @@ from celestcore._campaign import Executor, Stopped
 from celestcore.campaign._work import Columns, Task, perform
 from celestcore.errors import CelestcoreError, InputError
 
-IN_FLIGHT = 256
+IN_FLIGHT = 1024
 """Tasks that wait in an executor at most."""
 POLL = 0.1  # s between two looks at what is not told
 DEATHS = ("KilledWorker",)

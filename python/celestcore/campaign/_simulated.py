@@ -44,6 +44,10 @@ MAKERS: Mapping[str, Callable[..., Truth]] = {
     "constant_rate": constant_rate,
 }
 NEEDED = {"earth_pointing": (), "slews": (), "constant_rate": ("rate",)}
+SPELLED = dict.fromkeys(("duration", "step", "slew_time", "hold_time"), "_s") | {
+    "semi_major_axis": "_m"
+}
+"""What the keys of ``[scenario]`` end with that have one unit only."""
 JOBS = 64
 """Cells that a process keeps at hand."""
 
@@ -144,7 +148,8 @@ def _truth(text: str) -> Truth:
     try:
         return make(**values)
     except InputError as error:
-        error.field = f"scenario.{'step' if error.field == 'dt' else error.field}"
+        name = "step" if error.field == "dt" else str(error.field)
+        error.field = f"scenario.{name}{SPELLED.get(name, '')}"
         raise
 
 
@@ -191,12 +196,19 @@ def job_of(text: str) -> Job:
     scenario = _scenario(settings)
     nav, sigma0 = _navigator(scenario, settings)
     name, smooth = nav.filter.kind, settings["smooth"]
+    if settings["start"] == "drawn" and sigma0 is None:
+        raise InputError('is needed with start = "drawn"', field="[start]")
     start = Start(settings["start"], sigma0, {name: nav})
+    try:
+        skip = checked_skip(settings["skip"], scenario.truth.t, smooth)
+    except InputError as error:
+        error.field = "campaign.skip_s"
+        raise
     return Job(
         flight=scenario._described(),
         estimators=[described(scenario, nav, start.of(name), smooth)],
         seed=int(settings["seed"]),
-        skip=checked_skip(settings["skip"], scenario.truth.t, smooth),
+        skip=skip,
         threads=1,
         portable=settings["portable"],
     )
