@@ -96,18 +96,29 @@ def test_errors_are_one_line(
     assert words in err
 
 
+PROGRAM = """
+import sys
+from celestcore import cli
+from celestcore.campaign import _run
+_run.SOONEST = 0.1  # parts as it goes
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+def begun() -> subprocess.Popen[str]:
+    """Start the program, and wait for its first part."""
+    command = [sys.executable, "-c", PROGRAM, "campaign", "trade.toml"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 30.0
+    while not list(Path("trade.runs").glob("part-*")) and time.monotonic() < until:
+        time.sleep(0.005)
+    return process
+
+
 @pytest.mark.skipif(os.name == "nt", reason="there is no SIGINT to send there")
 def test_ctrl_c_leaves_complete_rows(config: Path) -> None:
     config.write_text(CONFIG.format(trials=100_000, duration=60))
-    program = (
-        "import sys\nfrom celestcore import cli\nfrom celestcore.campaign import _run\n"
-        "_run.SOONEST = 0.2\nsys.exit(cli.main(sys.argv[1:]))"
-    )
-    command = [sys.executable, "-c", program, "campaign", "trade.toml"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        until = time.monotonic() + 30.0
-        while not list(Path("trade.runs").glob("part-*")) and time.monotonic() < until:
-            time.sleep(0.02)
+    with begun() as process:
         process.send_signal(signal.SIGINT)
         sent = time.monotonic()
         assert process.stderr is not None
@@ -123,3 +134,16 @@ def test_ctrl_c_leaves_complete_rows(config: Path) -> None:
     assert 0 < rows.num_rows < 200_000
     assert len(set(rows["key"].to_pylist())) == rows.num_rows
     assert rows["nees"].null_count == 0
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL there")
+def test_goes_on_after_kill_9(config: Path) -> None:
+    config.write_text(CONFIG.format(trials=2000, duration=60))
+    with begun() as process:
+        process.kill()
+    left = campaign.read("trade.runs").num_rows
+    assert 0 < left < 4000
+    rest = campaign.run(config, "trade.runs")
+    assert (rest.kept, rest.ran) == (left, 4000 - left)
+    rows = (r.table().drop_columns(["seconds"]) for r in (rest, campaign.run(config, "whole")))
+    assert next(rows).equals(next(rows))
