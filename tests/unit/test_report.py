@@ -32,6 +32,8 @@ def test_summary_has_the_promised_keys(solution: Solution) -> None:
         "innovation",
         "final",
         "samples_per_second",
+        "sensors",
+        "findings",
     ]
     counts = "samples fixes accepted rejected start missing gaps outside"
     assert sorted(result["counts"]) == sorted(counts.split())
