@@ -156,8 +156,8 @@ def _axes(s: Mapping[str, Any]) -> Iterator[Finding]:
         f"{s['name']}: its axes do not fit the noise alike",
         f"About {axis} the innovations are {worst:.3g} times their prediction, about {other} "
         f"{best:.3g} times.",
-        "A camera is several times noisier about its boresight: give sigma one number for each "
-        "axis, and check the mounting.",
+        "Give sigma one number for each axis: a camera is several times noisier about its "
+        "boresight (check its mounting, too), GNSS along the vertical.",
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from celestcore._curves import time_axis
 from celestcore._files import replacing
 from celestcore._fixes import configured_gnss_noise, of_gnss
 from celestcore._page import marked
-from celestcore._panels import Panel, Times
+from celestcore._panels import Panel, Section, Times
 from celestcore.errors import InputError
 from celestcore.report import STYLE, kind
 from celestcore.solution import package_version
@@ -52,6 +52,29 @@ def orbit_summary(
         `celestcore.summary.summary`.
     """
     t = solution.t
+    names = ("t", "r", "v", "sigma_r", "sigma_v")
+    out = {
+        "log": title,
+        "filter": solution.filter,
+        "version": package_version(),
+        "smoothed": solution.smoothed,
+        "span_s": float(t[-1] - t[0]) if len(t) else 0.0,
+        "counts": {key: int(value) for key, value in solution.counts.items()},
+        "restarts": list(solution.restarts),
+        "final": {name: getattr(solution, name)[-1] for name in names} if len(t) else {},
+        **judged(solution, log, navigator),
+    }
+    plain: dict[str, Any] = _plain(out)
+    return plain
+
+
+def judged(
+    solution: GnssStarSolution,
+    log: SensorLog | None = None,
+    navigator: GnssStarNavigator | None = None,
+) -> dict[str, Any]:
+    """Return ``sensors`` and ``findings`` of a summary."""
+    t = solution.t
     first, last = (float(t[0]), float(t[-1])) if len(t) else (0.0, 0.0)
     told = None
     if log is not None and navigator is not None:
@@ -60,21 +83,8 @@ def orbit_summary(
     found = [*_findings.of_restarts(solution.restarts), *_findings.of_sensors(sensors)]
     if solution.bias is not None and solution.sigma_bias is not None:
         found += _findings.of_bias(t, solution.bias, solution.sigma_bias)
-    names = ("t", "r", "v", "sigma_r", "sigma_v")
-    out = {
-        "log": title,
-        "filter": solution.filter,
-        "version": package_version(),
-        "smoothed": solution.smoothed,
-        "span_s": last - first,
-        "counts": {key: int(value) for key, value in solution.counts.items()},
-        "restarts": list(solution.restarts),
-        "final": {name: getattr(solution, name)[-1] for name in names} if len(t) else {},
-        "sensors": sensors,
-        "findings": _findings.ranked(found, judged=any(s["accepted"] for s in sensors)),
-    }
-    plain: dict[str, Any] = _plain(out)
-    return plain
+    used = any(sensor["accepted"] for sensor in sensors)
+    return {"sensors": sensors, "findings": _findings.ranked(found, judged=used)}
 
 
 def write_orbit_report(
@@ -118,8 +128,23 @@ def page(
     *,
     settings: Mapping[str, str] | None = None,
     command: str | None = None,
+    lead: str | None = None,
+    cards: Sequence[tuple[str, str]] = (),
+    more: Sequence[Section] = (),
 ) -> str:
-    """Return the report as HTML text; parameters as in `write_orbit_report`."""
+    """Return the report as HTML text.
+
+    Parameters
+    ----------
+    solution, result, settings, command
+        As in `write_orbit_report`.
+    lead : str, optional
+        What came out, in words; by default a short `headline`.
+    cards : sequence of (str, str)
+        More large numbers (HTML), each with words.
+    more : sequence of Section
+        Tests of the solution, before what is drawn over time.
+    """
     if len(solution) == 0:
         raise InputError("the solution is empty: there is nothing to report", field="t")
     first, last = (float(solution.t[k]) for k in (0, -1))
@@ -136,13 +161,14 @@ def page(
         _sensor_panels.nis(fixes),
     ]
     parts = [
-        _cards(result),
+        _cards(result, cards),
         _page.findings(result, times),
         "<h2>What was run</h2>",
         _run_table(solution, result, settings or {}, command),
         "<h2>What came out</h2>",
         _sensor_table(result),
         _final_table(result),
+        *_page.sections(more, panels),
         "<h2>Over time</h2>",
         f'<p class="note">{escape(axis.label)}. {escape(_page.HELP)}</p>',
         *_page.sections(drawn, panels),
@@ -153,7 +179,7 @@ def page(
         "© 2021 Leon Sorokin).</footer>",
     ]
     title = str(result["log"] or TITLE)
-    return _page.document(title, headline(result), parts, panels, times, result, STYLE)
+    return _page.document(title, lead or headline(result), parts, panels, times, result, STYLE)
 
 
 def headline(result: Mapping[str, Any]) -> str:
@@ -165,8 +191,8 @@ def headline(result: Mapping[str, Any]) -> str:
     return f"{spell_time(result['span_s'])} with {fixes:,} measurements, {words}. {first}."
 
 
-def _cards(result: Mapping[str, Any]) -> str:
-    items = []
+def _cards(result: Mapping[str, Any], more: Sequence[tuple[str, str]]) -> str:
+    items = list(more)
     for k, sensor in enumerate(result["sensors"]):
         items.append((marked(result, f"sensors.{k}.accepted"), f"{sensor['name']} used"))
         if sensor["rejected"]:

@@ -221,7 +221,7 @@ def lanes(fixes: Sequence[Fixes], times: Times, carrier: str | None = "gyro") ->
         )
         out.append(f'<div>{escape(each.name)}</div><div class="lane">{blocks}</div>')
     key = "".join(f'<span class="swatch s{k}"></span>{escape(v)}' for k, v in STATES.items())
-    begin, end = (f"{round(times.place(t), 2):g} {times.unit}" for t in (first, last))
+    begin, end = (f"{round(times.place(t), 2) + 0.0:g} {times.unit}" for t in (first, last))
     ticks = f'<div></div><div class="ticks"><span>{begin}</span><span>{end}</span></div>'
     return (
         f'<div class="lanes">{"".join(out)}{ticks}</div>'

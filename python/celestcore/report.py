@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -17,15 +15,12 @@ from celestcore._curves import time_axis
 from celestcore._files import replacing
 from celestcore._fixes import Fixes, of_attitude
 from celestcore._page import marked
-from celestcore._page import number as _number
 from celestcore._panels import Panel, Section, Times
 from celestcore.errors import InputError
 from celestcore.summary import drift_words, headline, spell_time
 from celestcore.units import ARCSEC, DEG_PER_HOUR
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from celestcore.analysis import WithheldDrift
     from celestcore.solution import Solution
 
@@ -129,7 +124,7 @@ def page(
         _final_table(solution, result),
     ]
     if result.get("withheld"):
-        parts += ["<h2>How far does it drift without fixes?</h2>", _withheld(result["withheld"])]
+        parts += ["<h2>How far does it drift without fixes?</h2>", _withheld(result)]
         if drift is not None:
             parts.append(_page.places([show.drift(drift)], panels))
     parts += [
@@ -167,7 +162,7 @@ def _sections(solution: Solution, fixes: list[Fixes], times: Times) -> list[Sect
 
 def _cards(solution: Solution, result: Mapping[str, Any]) -> str:
     sigma = np.asarray(solution.final.get("sigma", solution.sigma[-1]))[:3] / ARCSEC
-    speed = result["samples_per_second"]
+    size, speed = float(np.sqrt(np.sum(sigma**2))), result["samples_per_second"]
     return _page.cards(
         [
             (marked(result, "counts.samples"), "gyro samples"),
@@ -177,7 +172,7 @@ def _cards(solution: Solution, result: Mapping[str, Any]) -> str:
                 marked(result, "innovation.rms_total_arcsec", "″"),
                 "rms of prediction minus fix",
             ),
-            (_number(float(np.sqrt(np.sum(sigma**2))), "″"), "expected error at the end (1 sigma)"),
+            (_page.number(size, "″"), "expected error at the end (1 sigma)"),
             (_speed(speed), "gyro samples per second"),
         ]
     )
@@ -286,12 +281,13 @@ def _final_table(solution: Solution, result: Mapping[str, Any]) -> str:
     )
 
 
-def _withheld(withheld: Mapping[str, Any]) -> str:
+def _withheld(result: Mapping[str, Any]) -> str:
     """Show the withheld-window test: how it was done, what came out, what it does not show."""
+    withheld = result["withheld"]
     kinds = (("filter's prediction", "drift"), ("plain integration", "without_bias"))
     columns = ("5", "median", "95", "max", "rms")
     rows = [
-        (name, *(_number(withheld[f"{key}_{column}_arcsec"]) for column in columns))
+        (name, *(marked(result, f"withheld.{key}_{c}_arcsec") for c in columns))
         for name, key in kinds
     ]
     head = ("drift [arcsec]", "5 %", "median", "95 %", "largest", "rms")
@@ -313,17 +309,9 @@ def _withheld(withheld: Mapping[str, Any]) -> str:
         "the drift of the gyro, not an independent measure of the attitude."
     )
     return (
-        f'<p class="note">{escape(words)}</p><p>{escape(found)}</p>{_grid(head, rows)}'
+        f'<p class="note">{escape(words)}</p><p>{escape(found)}</p>{_page.grid(head, rows)}'
         f'<p class="note">{escape(limits)}</p>'
     )
-
-
-def _image(figure: Figure, alt: str) -> str:
-    """Return a figure as an image inside the page."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=140)
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return f'<img alt="{escape(alt)}" src="data:image/png;base64,{data}">'
 
 
 def _footer(solution: Solution, result: Mapping[str, Any]) -> str:
@@ -336,14 +324,6 @@ def _footer(solution: Solution, result: Mapping[str, Any]) -> str:
         f"Made by celestcore {escape(str(result['version']))}; plots by uPlot "
         f"(MIT licence, © 2021 Leon Sorokin).</footer>"
     )
-
-
-def _grid(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    top = "".join(f"<th>{escape(name)}</th>" for name in head)
-    lines = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return f'<div class="scroll"><table class="grid"><tr>{top}</tr>{lines}</table></div>'
 
 
 def _speed(per_second: float | None) -> str:

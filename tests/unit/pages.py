@@ -58,6 +58,6 @@ class Page(HTMLParser):
             if value is None:
                 assert text == "n/a", key
                 continue
-            shown = float(text.rstrip("\u2033% ").replace(",", ""))
+            shown = float(text.rstrip("\u2033\u00b0% m").replace(",", ""))
             tolerance = 0.0 if isinstance(value, int) else max(0.005 * abs(shown), 1e-12)
             np.testing.assert_allclose(shown, scale * value, atol=tolerance, rtol=0, err_msg=key)

@@ -88,14 +88,19 @@ def test_the_console_is_heard(tmp_path: Path) -> None:
     assert "missing is not defined" in browse(path, "--dump-dom")[1]
 
 
-def test_the_commands_report_opens_and_its_numbers_are_the_jsons(tmp_path: Path) -> None:
-    path, file = tmp_path / "fermi.html", tmp_path / "fermi.json"
-    code = cli.main(["replay", "--sample", "fermi", "--report", str(path), "--json", str(file)])
+@pytest.mark.parametrize(("name", "plots"), [("fermi", 12), ("noaa20", 26)])
+def test_the_commands_report_opens_and_its_numbers_are_the_jsons(
+    name: str, plots: int, tmp_path: Path
+) -> None:
+    if name == "noaa20":
+        pytest.importorskip("erfa")
+    path, file = tmp_path / "a.html", tmp_path / "a.json"
+    code = cli.main(["replay", "--sample", name, "--report", str(path), "--json", str(file)])
     assert code == 0
     found, console = browse(path, "--dump-dom")
     assert console == ""
     assert found.loaded == []
-    assert found.tags.count("canvas") == 12
+    assert found.tags.count("canvas") == plots
     result = json.loads(file.read_text())
     assert json.loads(found.inside["summary"]) == result
     assert len(found.numbers) > 30
