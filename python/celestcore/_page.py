@@ -91,16 +91,22 @@ def embedded(value: Any) -> str:
 
 
 def sections(many: Iterable[Section], panels: list[Panel]) -> list[str]:
-    """Return sections as HTML, and add their panels to those of the page."""
+    """Return sections as HTML, and add their panels to those of the page.
+
+    On paper a heading keeps together with what follows, up to the first row of panels.
+    """
     out = []
     for section in many:
         anchor = f' id="{section.name}"' if section.name else ""
-        out.append(f"<h2{anchor}>{escape(section.heading)}</h2>")
-        if section.words:
-            out.append(f'<p class="note">{escape(section.words)}</p>')
-        if section.html:
-            out.append(section.html)
-        out.append(places(section.panels, panels))
+        words = f'<p class="note">{escape(section.words)}</p>' if section.words else ""
+        mine = section.panels
+        first = 1
+        while first < len(mine) and mine[0].row and mine[first].row == mine[0].row:
+            first += 1
+        out.append(
+            f'<div class="keep"><h2{anchor}>{escape(section.heading)}</h2>{words}{section.html}'
+            f"{places(mine[:first], panels)}</div>{places(mine[first:], panels)}"
+        )
     return out
 
 

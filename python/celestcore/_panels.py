@@ -186,6 +186,7 @@ def payload(panel: Panel, times: Times, gaps: Array) -> dict[str, Any]:
         "unit": panel.unit,
         "log": panel.log,
         "zero": panel.zero,
+        "wrapped": panel.period is not None and panel.limits is not None,
         "limits": None if panel.limits is None else [float(v) for v in panel.limits],
         "bands": [list(band) for band in panel.bands],
         "lines": list(panel.lines),

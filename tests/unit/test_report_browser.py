@@ -44,6 +44,16 @@ TRY = """<script>(function () {
       [...u.querySelectorAll(".u-value")].map((v) => v.textContent));
     document.querySelector("[data-act=all]").click();
     out.after = document.body.className;
+    const finger = (id, x) => new Touch({identifier: id, target: over,
+      clientX: box.left + x * box.width, clientY: box.top + 9});
+    const pinch = (type, a, b) => over.dispatchEvent(new TouchEvent(type,
+      {touches: [finger(1, a), finger(2, b)], bubbles: true, cancelable: true}));
+    pinch("touchstart", 0.4, 0.6);
+    out.kept = !pinch("touchmove", 0.1, 0.9);
+    out.pinched = document.body.className;
+    const block = document.querySelector(".lane i");
+    if (block) block.click();
+    out.blocked = document.body.className;
     out.wide = document.documentElement.scrollWidth - innerWidth;
     const place = document.createElement("p");
     place.id = "found";
@@ -119,6 +129,9 @@ def test_plots_are_drawn_and_answer(
     assert seen["before"] == "drawn"
     assert seen["zoomed"] == "drawn zoomed"
     assert seen["after"] == "drawn"
+    assert seen["pinched"] == "drawn zoomed"
+    assert seen["kept"], "two fingers do not move the page"
+    assert seen["blocked"] == "drawn zoomed"
     assert seen["wide"] <= 0, "nothing is wider than the screen"
     first, attitude = seen["hover"][:2]
     assert "min (2026-01-01 " in first[0]

@@ -154,6 +154,10 @@
         [low, high] = panel.log
           ? [low, high * 1.3]
           : [panel.zero ? 0 : low - margin, high + margin];
+        if (panel.wrapped) {
+          low = Math.max(low, panel.limits[0]);
+          high = Math.min(high, panel.limits[1]);
+        }
       }
       if (!panel.log) return [low, high];
       low = decade(low);
