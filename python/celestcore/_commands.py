@@ -130,7 +130,8 @@ def replay(
     with Console(stderr=True).status("hiding fixes, window by window"):
         drift = request.drift(sensors, settings)
     hidden = None if drift is None else drift.summary()
-    result = summary(solution, sensors, gate=settings.gate(), withheld=hidden)
+    nav = settings.navigator()
+    result = summary(solution, sensors, gate=settings.gate(), withheld=hidden, navigator=nav)
     result["log"] = result["log"] or str(log)
     words = cli.describe_settings(settings)
     request.write(solution, result, drift=drift, settings=words, command=shlex.join(_command()))

@@ -14,6 +14,7 @@ import numpy as np
 from celestcore._check import FloatArray, warn
 from celestcore._files import replacing
 from celestcore._optional import require
+from celestcore._orbit_report import judged
 from celestcore._tables import table_kind
 from celestcore.errors import CelestcoreWarning, InputError
 from celestcore.solution import package_version
@@ -150,6 +151,7 @@ def summary(replay: GnssReplay, log: SensorLog, title: str | None = None) -> dic
         - ``pointing``: `NadirPointing.summary`, or None
         - ``slow_error``: the star sensor's, body axes, arcsec; None if it is not estimated
         - ``final``: t, r, v, their sigmas, q, sigma_q, rate at the end, SI units
+        - ``sensors``, ``findings``: as in `celestcore.summary.summary`, what to look at next
         - ``rows_per_second``: speed of the core
     """
     sol, nav = replay.solution, replay.navigator
@@ -170,6 +172,7 @@ def summary(replay: GnssReplay, log: SensorLog, title: str | None = None) -> dic
         "pointing": None if replay.pointing is None else replay.pointing.summary(),
         "slow_error": _slow_error(sol),
         "final": _final(sol),
+        **judged(sol, log, nav),
         "rows_per_second": len(sol) / sol.elapsed_s if sol.elapsed_s > 0.0 else None,
     }
     plain: dict[str, Any] = _plain(out)

@@ -156,8 +156,8 @@ class Replay:
         if self.report is not None:
             from celestcore.report import kind
 
-            kind(self.report)
-            require("matplotlib.figure", extra="plot", what="the report")
+            if kind(self.report) == ".png":
+                require("matplotlib.figure", extra="plot", what="the report's pictures")
 
     def _outputs(self) -> list[tuple[str, Path]]:
         named = (

@@ -1,69 +1,31 @@
-"""A replay as one HTML page that needs nothing beside it: words, tables and pictures."""
+"""A replay as one HTML page that needs nothing beside it: words, tables and plots to zoom into."""
 
 from __future__ import annotations
 
-import base64
-import io
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from celestcore import plot
+from celestcore import _attitude_panels as show
+from celestcore import _page, _sensor_panels
+from celestcore._curves import time_axis
 from celestcore._files import replacing
+from celestcore._fixes import Fixes, of_attitude
+from celestcore._page import marked
+from celestcore._panels import Panel, Section, Times
 from celestcore.errors import InputError
-from celestcore.summary import drift_words, headline, per_sensor, spell_time
+from celestcore.summary import drift_words, headline, spell_time
 from celestcore.units import ARCSEC, DEG_PER_HOUR
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from celestcore.analysis import WithheldDrift
     from celestcore.solution import Solution
 
 KINDS = (".html", ".png")
-CAPTIONS = {
-    "attitude": (
-        "Attitude",
-        "Where the spacecraft pointed, as 3-2-1 Euler angles that turn the axes of {inertial} "
-        "into the body axes: yaw about z, then pitch about the new y, then roll about the new "
-        "x. Yaw is the right ascension of the body x axis, pitch is minus its declination. A "
-        "jump from 180 to -180 degrees is no motion; near ±90 degrees of pitch, yaw and roll "
-        "are ill defined.",
-    ),
-    "bias": (
-        "Gyro bias",
-        "What the gyro reads when the body is at rest, as the filter estimates it, with the "
-        "band in which it expects the true bias 99.7 % of the time (±3 sigma). The band "
-        "should shrink and then hold; the line should stay inside the bands of later times. "
-        "The first minutes may lie outside the picture.",
-    ),
-    "sigma": (
-        "Expected attitude error",
-        "One sigma of the error the filter expects about each body axis. It falls with each "
-        "fix and grows between fixes and in gaps (grey).",
-    ),
-    "innovation": (
-        "Innovations",
-        "Each dot is a fix minus what the filter had predicted just before, about each body "
-        "axis (for a direction sensor: across the direction). Dashed: ±3 sigma as predicted. "
-        "99.7 % of the dots should lie between. A drift or a wave means that the noise is not "
-        "white. Crosses are fixes the gate rejected; those beyond the scale are drawn at its "
-        "edge.",
-    ),
-    "nis": (
-        "Are the error bars right?",
-        "The normalised innovation squared (NIS) is the square of the innovation measured in "
-        "its own predicted sigmas. If the error bars are right it averages the number of "
-        "degrees of freedom and 95 % of the dots lie in the green band (chi-square). Dots "
-        "that sit high mean error bars too small; dots that sit low mean error bars too "
-        "large. Fixes that were smoothed on board have errors that hang together from one to "
-        "the next: then the dots sit low, and this test does not tell how good the error bars "
-        "are over minutes.",
-    ),
-}
+MOST_GAPS = 20
 STYLE = """
 body{font:16px/1.55 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;
 color:#222;background:#fff;max-width:1080px;margin:0 auto;padding:2rem 1.2rem 4rem}
@@ -113,11 +75,13 @@ def write_report(
     Raises
     ------
     InputError
-        If the ending is another one, or the directory does not exist.
+        If the ending is another one, the directory does not exist, or the solution is empty.
     MissingDependencyError
-        If matplotlib is not installed.
+        If pictures (.png) were asked for and matplotlib is not installed.
     """
     if kind(path) == ".png":
+        from celestcore import plot
+
         plot.save(plot.figure(solution, plot.kept(solution)), path)
         return
     text = page(solution, result, drift=drift, settings=settings, command=command)
@@ -142,76 +106,96 @@ def page(
     command: str | None = None,
 ) -> str:
     """Return the report as HTML text; parameters as in `write_report`."""
+    if len(solution) == 0:
+        raise InputError("the solution is empty: there is nothing to report", field="t")
     title = solution.title or "Attitude from gyros and star cameras"
-    inertial = solution.frames.get("inertial", "the inertial frame")
+    first, last = (float(solution.t[k]) for k in (0, -1))
+    axis = time_axis(solution.t, solution.epoch)
+    times = Times(axis, first, last, solution.epoch, solution.gaps)
+    fixes = of_attitude(solution)
+    panels: list[Panel] = []
     parts = [
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width,initial-scale=1">',
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>",
-        '<p class="kind">celestcore replay report</p>',
-        f'<h1>{escape(title)}</h1><p class="lead">{escape(headline(dict(result)))}</p>',
         _cards(solution, result),
+        _page.findings(result, times),
         "<h2>What was run</h2>",
         _run_table(solution, result, settings or {}, command),
         "<h2>What came out</h2>",
-        _sensor_table(solution),
-        _final_table(solution),
+        _sensor_table(result),
+        _final_table(solution, result),
     ]
     if result.get("withheld"):
-        parts += ["<h2>How far does it drift without fixes?</h2>", _withheld(result["withheld"])]
-    if drift is not None:
-        parts.append(_image(plot.drift_figure(drift, solution.epoch, width=9.5), "Drift"))
-    for name, (heading, caption) in CAPTIONS.items():
-        if name not in plot.kept(solution):
-            why = f'<p class="note">Not kept: innovations={solution.innovations!r}.</p>'
-            parts.append(f"<h2>{heading}</h2>{why}")
-            continue
-        words = escape(caption.format(inertial=inertial))
-        picture = _image(plot.figure(solution, (name,), width=9.5), heading)
-        parts.append(f'<h2>{heading}</h2><p class="note">{words}</p>{picture}')
-    parts.append(_footer(solution, result, inertial))
-    return "\n".join([*parts, "</body></html>", ""])
+        parts += ["<h2>How far does it drift without fixes?</h2>", _withheld(result)]
+        if drift is not None:
+            parts.append(_page.places([show.drift(drift)], panels))
+    parts += [
+        "<h2>Over time</h2>",
+        f'<p class="note">{escape(axis.label)}. {escape(_page.HELP)}</p>',
+        *_page.sections(_sections(solution, fixes, times), panels),
+        _page.noise_table(result),
+        _gap_table(solution),
+        _footer(solution, result),
+    ]
+    lead = headline(dict(result))
+    return _page.document(title, lead, parts, panels, times, result, STYLE)
+
+
+def _sections(solution: Solution, fixes: list[Fixes], times: Times) -> list[Section]:
+    """Return what is drawn."""
+    t, sigma = solution.t, solution.sigma
+    inertial = solution.frames.get("inertial", "the inertial frame")
+    lanes = _page.lanes(fixes, times) if fixes else ""
+    out = [
+        show.attitude(t, solution.q, sigma[:, :3], inertial),
+        show.error(t, sigma[:, :3], "smoother" if solution.smoothed else "filter"),
+        show.rates(t, solution.rate),
+        show.bias(t, solution.bias, sigma[:, 3:]),
+        _sensor_panels.health(fixes, times.first, times.last, lanes),
+        _sensor_panels.innovations(fixes),
+        _sensor_panels.nis(fixes),
+    ]
+    lost = {"full": (), "nis": ("innovation",)}.get(
+        solution.innovations, ("innovation", "nis", "health")
+    )
+    why = f"Not kept: innovations={solution.innovations!r}."
+    return [Section(s.heading, why) if s.name in lost else s for s in out]
 
 
 def _cards(solution: Solution, result: Mapping[str, Any]) -> str:
-    counts, inn = result["counts"], result["innovation"]
     sigma = np.asarray(solution.final.get("sigma", solution.sigma[-1]))[:3] / ARCSEC
-    speed = result["samples_per_second"]
-    cards = [
-        (f"{counts['samples']:,}", "gyro samples"),
-        (f"{counts['accepted']:,}", "fixes used"),
-        (f"{counts['rejected']:,}", "fixes rejected"),
-        (_number(inn["rms_total_arcsec"], "″"), "rms of prediction minus fix"),
-        (_number(float(np.sqrt(np.sum(sigma**2))), "″"), "expected error at the end (1 sigma)"),
-        (_speed(speed), "gyro samples per second"),
-    ]
-    cells = "".join(f'<div class="card"><b>{v}</b><span>{w}</span></div>' for v, w in cards)
-    return f'<div class="cards">{cells}</div>'
+    size, speed = float(np.sqrt(np.sum(sigma**2))), result["samples_per_second"]
+    return _page.cards(
+        [
+            (marked(result, "counts.samples"), "gyro samples"),
+            (marked(result, "counts.accepted"), "fixes used"),
+            (marked(result, "counts.rejected"), "fixes rejected"),
+            (
+                marked(result, "innovation.rms_total_arcsec", "″"),
+                "rms of prediction minus fix",
+            ),
+            (_page.number(size, "″"), "expected error at the end (1 sigma)"),
+            (_speed(speed), "gyro samples per second"),
+        ]
+    )
 
 
 def _run_table(
     solution: Solution, result: Mapping[str, Any], settings: Mapping[str, str], command: str | None
 ) -> str:
-    counts = result["counts"]
-    rows = [
-        ("Log", result["log"] or "unnamed"),
-        ("Start (t = 0)", solution.epoch or "not given"),
-        ("Length", spell_time(result["span_s"])),
-        ("Filter", _filter(solution)),
-        *settings.items(),
-        ("Fixes that set the start", f"{counts['start']:,}"),
-        ("Missing measurements (NaN)", f"{counts['missing']:,}"),
-        ("Fixes before the start or after the gyro's last sample", f"{counts['outside']:,}"),
-        ("Gyro gaps", _gaps(solution)),
-    ]
+    told = {name: escape(text) for name, text in settings.items()}
+    rows = {
+        "Log": escape(result["log"] or "unnamed"),
+        "Start (t = 0)": escape(solution.epoch or "not given"),
+        "Length": spell_time(result["span_s"]),
+        "Filter": escape(_filter(solution)),
+        **told,
+        "Fixes that set the start": marked(result, "counts.start"),
+        "Missing measurements (NaN)": marked(result, "counts.missing"),
+        "Fixes before the start or after the gyro's last sample": marked(result, "counts.outside"),
+        "Gyro gaps": _gaps(solution),
+    }
     if command:
-        rows.append(("Command", command))
-    cells = (
-        f"<tr><th>{escape(name)}</th><td>"
-        + (f"<code>{escape(text)}</code>" if name == "Command" else escape(text))
-        + "</td></tr>"
-        for name, text in rows
-    )
+        rows["Command"] = f"<code>{escape(command)}</code>"
+    cells = (f"<tr><th>{escape(name)}</th><td>{text}</td></tr>" for name, text in rows.items())
     return f"<table>{''.join(cells)}</table>"
 
 
@@ -226,20 +210,37 @@ def _gaps(solution: Solution) -> str:
     )
 
 
-def _sensor_table(solution: Solution) -> str:
+def _gap_table(solution: Solution) -> str:
+    """Return the longest gaps, longest first."""
+    if len(solution.gaps) < 2:
+        return ""
+    length = solution.gaps[:, 1] - solution.gaps[:, 0]
+    order = np.argsort(-length, kind="stable")[:MOST_GAPS]
     rows = [
-        (
-            sensor["name"],
-            f"{sensor['fixes']:,}",
-            f"{sensor['rejected']:,}",
-            " / ".join(_number(value) for value in sensor["rms_arcsec"]),
-            _number(sensor["nis_per_dof"]),
-            _number(None if sensor["inside_95"] is None else 100 * sensor["inside_95"], " %"),
-        )
-        for sensor in per_sensor(solution)
+        (*(f"{v:.10g}" for v in solution.gaps[k]), escape(spell_time(float(length[k]))))
+        for k in order
     ]
+    more = "" if len(length) <= MOST_GAPS else f", the {MOST_GAPS} longest of {len(length):,}"
+    return f"<h2>Gyro gaps{more}</h2>" + _page.grid(("begin [s]", "end [s]", "length"), rows)
+
+
+def _sensor_table(result: Mapping[str, Any]) -> str:
+    rows = []
+    for k, sensor in enumerate(result["sensors"]):
+        at = f"sensors.{k}."
+        rms = (marked(result, f"{at}rms_arcsec.{j}") for j in range(len(sensor["rms_arcsec"])))
+        rows.append(
+            (
+                escape(sensor["name"]),
+                marked(result, f"{at}fixes"),
+                marked(result, f"{at}rejected"),
+                " / ".join(rms),
+                marked(result, f"{at}nis_per_dof"),
+                marked(result, f"{at}inside_95", " %", 100.0),
+            )
+        )
     if not rows:
-        lost = solution.innovations == "none" and solution.counts.get("accepted", 0) > 0
+        lost = result["counts"]["accepted"] > 0
         return "<p>Innovations were not kept.</p>" if lost else "<p>No fixes.</p>"
     head = (
         "sensor",
@@ -249,21 +250,20 @@ def _sensor_table(solution: Solution) -> str:
         "NIS per dof (ideal 1)",
         "inside 95 % bounds",
     )
-    return _grid(head, rows)
+    return _page.grid(head, rows)
 
 
-def _final_table(solution: Solution) -> str:
-    final = solution.final
+def _final_table(solution: Solution, result: Mapping[str, Any]) -> str:
+    final = result["final"]
     if not final:
         return ""
-    sigma = np.asarray(final["sigma"])
-    bias, bias_sigma = np.asarray(final["bias"]) / DEG_PER_HOUR, sigma[3:] / DEG_PER_HOUR
+    arcsec, rate = 1.0 / ARCSEC, 1.0 / DEG_PER_HOUR
     rows = [
         (
             f"body {axis}",
-            f"{sigma[k] / ARCSEC:#.3g}",
-            f"{bias[k]:#.4g}",
-            f"{bias_sigma[k]:#.2g}",
+            marked(result, f"final.sigma.{k}", "", arcsec),
+            marked(result, f"final.bias.{k}", "", rate),
+            marked(result, f"final.sigma.{3 + k}", "", rate),
         )
         for k, axis in enumerate("xyz")
     ]
@@ -273,20 +273,21 @@ def _final_table(solution: Solution) -> str:
         "gyro bias [deg/h]",
         "gyro bias 1 sigma [deg/h]",
     )
-    q = ", ".join(f"{value:.9f}" for value in np.asarray(final["q"]))
+    q = ", ".join(f"{value:.9f}" for value in final["q"])
     return (
-        _grid(head, rows)
-        + f'<p class="note">Attitude at the end, t = {float(final["t"]):.10g} s, as a quaternion '
+        _page.grid(head, rows)
+        + f'<p class="note">Attitude at the end, t = {final["t"]:.10g} s, as a quaternion '
         f"(body to inertial, scalar first): <code>{q}</code></p>"
     )
 
 
-def _withheld(withheld: Mapping[str, Any]) -> str:
+def _withheld(result: Mapping[str, Any]) -> str:
     """Show the withheld-window test: how it was done, what came out, what it does not show."""
+    withheld = result["withheld"]
     kinds = (("filter's prediction", "drift"), ("plain integration", "without_bias"))
     columns = ("5", "median", "95", "max", "rms")
     rows = [
-        (name, *(_number(withheld[f"{key}_{column}_arcsec"]) for column in columns))
+        (name, *(marked(result, f"withheld.{key}_{c}_arcsec") for c in columns))
         for name, key in kinds
     ]
     head = ("drift [arcsec]", "5 %", "median", "95 %", "largest", "rms")
@@ -308,41 +309,21 @@ def _withheld(withheld: Mapping[str, Any]) -> str:
         "the drift of the gyro, not an independent measure of the attitude."
     )
     return (
-        f'<p class="note">{escape(words)}</p><p>{escape(found)}</p>{_grid(head, rows)}'
+        f'<p class="note">{escape(words)}</p><p>{escape(found)}</p>{_page.grid(head, rows)}'
         f'<p class="note">{escape(limits)}</p>'
     )
 
 
-def _image(figure: Figure, alt: str) -> str:
-    """Return a figure as an image inside the page."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=140)
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return f'<img alt="{escape(alt)}" src="data:image/png;base64,{data}">'
-
-
-def _footer(solution: Solution, result: Mapping[str, Any], inertial: str) -> str:
+def _footer(solution: Solution, result: Mapping[str, Any]) -> str:
+    inertial = solution.frames.get("inertial", "the inertial frame")
     body = f" ({solution.frames['body']})" if "body" in solution.frames else ""
     return (
         f"<footer>Conventions: quaternions are Hamilton, scalar first, and take vectors from the "
         f"body frame{escape(body)} to {escape(inertial)}; sigmas are about the body axes; "
         f"times count seconds from the start given above. 1 arcsec (″) = 1/3600 degree. "
-        f"Made by celestcore {escape(str(result['version']))}.</footer>"
+        f"Made by celestcore {escape(str(result['version']))}; plots by uPlot "
+        f"(MIT licence, © 2021 Leon Sorokin).</footer>"
     )
-
-
-def _grid(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    top = "".join(f"<th>{escape(name)}</th>" for name in head)
-    lines = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return f'<div class="scroll"><table class="grid"><tr>{top}</tr>{lines}</table></div>'
-
-
-def _number(value: float | None, unit: str = "") -> str:
-    if value is None:
-        return "n/a"
-    return f"{value:,.0f}{unit}" if abs(value) >= 1000.0 else f"{value:.3g}{unit}"
 
 
 def _speed(per_second: float | None) -> str:

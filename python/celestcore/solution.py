@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from celestcore.log import SensorLog
+    from celestcore.navigator import StarGyroNavigator
 
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
@@ -473,6 +474,48 @@ class Solution:
         from celestcore import plot
 
         return plot.figure(self, plot.kept(self) if panels is None else panels, width=width)
+
+    def report(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        log: SensorLog | None = None,
+        navigator: StarGyroNavigator | None = None,
+    ) -> None:
+        """Write a report: one HTML page with words, numbers and plots to zoom into.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .html, or in .png for the pictures alone.
+        log : SensorLog, optional
+            What it came from, for the noise of its fixes; the solution's `source` if it has one.
+        navigator : StarGyroNavigator, optional
+            What ran; tells the noise that each sensor was said to have.
+
+        Raises
+        ------
+        InputError
+            If the ending is another one or the directory does not exist.
+        MissingDependencyError
+            If pictures (.png) were asked for and matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import celestcore as cc
+        >>> log = cc.sample("fermi")
+        >>> nav = cc.Settings.from_log(log).navigator()
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     nav.run(log).report(f"{folder}/fermi.html", navigator=nav)
+        """
+        from celestcore.report import write_report
+        from celestcore.summary import summary
+
+        if log is None and self.source is not None:
+            log = self.source[0]
+        gate = None if navigator is None else navigator.gate
+        write_report(path, self, summary(self, log, gate=gate, navigator=navigator))
 
     def _need(self, least: str, what: str) -> None:
         """Raise an error if less than this was kept of the measurements."""

@@ -13,6 +13,7 @@ from celestcore.units import ARCSEC
 
 if TYPE_CHECKING:
     from celestcore.log import SensorLog
+    from celestcore.navigator import StarGyroNavigator
     from celestcore.solution import Solution
 
 
@@ -30,6 +31,7 @@ def summary(
     *,
     gate: float | None = None,
     withheld: dict[str, Any] | None = None,
+    navigator: StarGyroNavigator | None = None,
 ) -> dict[str, Any]:
     """Return what came out of a replay; `celestcore replay --json` writes exactly this.
 
@@ -44,6 +46,8 @@ def summary(
         Probability that the gate lets a good fix through, in (0, 1].
     withheld : dict, optional
         Summary of a withheld-window test, passed through.
+    navigator : StarGyroNavigator, optional
+        What ran over the log: tells the noise that each sensor was said to have.
 
     Returns
     -------
@@ -61,6 +65,11 @@ def summary(
           between the 2.5 % and 97.5 % chi-square quantiles; 0.95 if the noise model is right)
         - ``final``: t, q, bias, sigma at the end, SI units
         - ``samples_per_second``: speed of the core
+        - ``sensors``: for each its name, counts and ``innovation`` statistics, ``noise`` (what the
+          innovations say of it, axis by axis), ``white``, ``bursts`` of rejected fixes, the longest
+          ``silence`` and how many ``windows`` of the log were fine
+        - ``findings``: what to look at next; each with ``level`` (act, look, fine), ``rule``,
+          ``title``, ``words``, ``advice`` and ``at`` (begin and end in s, or None)
         - ``withheld``: as given
     """
     names = ("samples", "fixes", "accepted", "rejected", "start", "missing", "gaps", "outside")
@@ -82,9 +91,37 @@ def summary(
         },
         "samples_per_second": _plain(samples / elapsed if elapsed > 0.0 else math.nan),
     }
+    out |= _judged(solution, log, gate, out["counts"], navigator)
     if withheld is not None:
         out["withheld"] = {key: _plain(value) for key, value in withheld.items()}
     return out
+
+
+def _judged(
+    solution: Solution,
+    log: SensorLog | None,
+    gate: float | None,
+    counts: dict[str, int],
+    navigator: StarGyroNavigator | None,
+) -> dict[str, Any]:
+    """Return the sensors and the findings of a summary."""
+    from celestcore import _findings
+    from celestcore._fixes import configured_noise, of_attitude
+
+    told = None if navigator is None or log is None else configured_noise(navigator, log)
+    t = solution.t
+    first, last = (float(t[0]), float(t[-1])) if len(t) else (0.0, 0.0)
+    judged = [_findings.judge(fixes, first, last) for fixes in of_attitude(solution, told)]
+    sensors = [{**a, **b} for a, b in zip(per_sensor(solution), judged, strict=True)]
+    found = [
+        *_findings.of_rejections(counts, gate),
+        *_findings.of_sensors(sensors),
+        *_findings.of_gaps(solution.gaps),
+        *_findings.of_bias(t, solution.bias, solution.sigma[:, 3:]),
+        *_findings.of_counts(counts),
+    ]
+    used = any(sensor["accepted"] for sensor in sensors)
+    return {"sensors": _plain(sensors), "findings": _plain(_findings.ranked(found, judged=used))}
 
 
 def span_s(solution: Solution, log: SensorLog | None = None) -> float:

@@ -261,7 +261,7 @@ def test_too_little_memory_is_one_line(
     [
         ("typer", ["--version"]),
         ("pyarrow", ["replay", "--sample", "fermi", "-o", "a.parquet"]),
-        ("matplotlib", ["replay", "--sample", "fermi", "--report", "a.html"]),
+        ("matplotlib", ["replay", "--sample", "fermi", "--report", "a.png"]),
     ],
 )
 def test_a_missing_package_is_one_clear_sentence(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from celestcore.errors import InputError
 from celestcore.frames import Euler321, euler_321, orbital
 from celestcore.quaternion import conjugate, multiply
 from celestcore.solution import package_version
+
+if TYPE_CHECKING:
+    from celestcore.gnss.navigator import GnssStarNavigator
+    from celestcore.log import SensorLog
 
 __all__ = ["GnssStarSolution", "Innovations", "LfeReport"]
 
@@ -345,6 +349,42 @@ class GnssStarSolution:
             if array is not None:
                 out |= dict(zip(names, np.ascontiguousarray(array.T), strict=True))
         return out
+
+    def report(
+        self,
+        path: str | Path,
+        *,
+        title: str | None = None,
+        log: SensorLog | None = None,
+        navigator: GnssStarNavigator | None = None,
+    ) -> None:
+        """Write a report: one HTML page with words, numbers and plots to zoom into.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .html.
+        title : str, optional
+            What the log is called.
+        log, navigator : SensorLog, GnssStarNavigator, optional
+            What ran over what: tell the noise that each sensor was said to have.
+
+        Raises
+        ------
+        InputError
+            If the ending is another one or the directory does not exist.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import celestcore as cc
+        >>> trial = cc.gnss.GnssStarScenario(duration=300.0).trial(seed=1, trial=0)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     cc.GnssStarNavigator().run(trial.log).report(f"{folder}/orbit.html")
+        """
+        from celestcore._orbit_report import orbit_summary, write_orbit_report
+
+        write_orbit_report(path, self, orbit_summary(self, title, log=log, navigator=navigator))
 
     def to_dataframe(self) -> Any:
         """Return the rows as a pandas data frame with the columns of `columns`.
