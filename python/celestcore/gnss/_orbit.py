@@ -82,7 +82,8 @@ def attitude_at(
     t: FloatArray, star: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Attitude and rate of the body at some times, straight between star fixes."""
-    at, q = star
+    at, first = np.unique(star[0], return_index=True)  # several star sensors may share epochs
+    q = star[1][first]
     if len(at) < 2:
         raise InputError(
             "needs star fixes that tell the attitude, two at least; or give lever_arm=(0, 0, 0)",
