@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import celestcore as cc
 import numpy as np
+import pytest
 from celestcore.gnss import GnssStarScenario
 from celestcore.orbit import ForceModel, OrbitDynamics
 
@@ -30,3 +31,20 @@ def test_a_lever_arm_with_two_star_sensors_at_the_same_epochs():
     one = nav.run(made.log)
     two = nav.run(log_of(made, star=None, star_1=(star.t, star.q), star_2=(star.t, star.q)))
     np.testing.assert_allclose(two.r, one.r, atol=1e-6)
+
+
+@pytest.mark.parametrize("rows", [slice(0, 600), slice(300, None), slice(0, 1), slice(0, 2)])
+def test_beyond_a_short_gyro_the_sigma_grows(rows):
+    """Its rate is held there, and the body turns: what is not known must be said."""
+    made = replace(SCENARIO, gyro=cc.gnss.GYRO).trial(seed=1)
+    gyro, star = made.log.gyro, made.log.stars["star"]
+    seen = (star.t < 250.0) | (star.t > 950.0)
+    log = log_of(made, gyro=(gyro.t[rows], gyro.rate[rows]), star=(star.t[seen], star.q[seen]))
+    nav = cc.GnssStarNavigator(dynamics=DYNAMICS, gyro=GYRO)
+    with pytest.warns(cc.CelestcoreWarning, match="gap_rate_sigma") as said:
+        sol = nav.run(log, t_output=made.t)
+    assert not [w for w in said if w.category is RuntimeWarning]
+    assert not sol.attitude_restarts
+    assert sol.counts["star_rejected"] == 0
+    turned = cc.quaternion.multiply(cc.quaternion.conjugate(sol.q), made.q_ib)
+    assert (np.abs(cc.quaternion.log(turned)) < 5.0 * sol.sigma_q).all()

@@ -90,16 +90,25 @@ def _ordered(parts: list[tuple[Any, ...]], names: list[str]) -> AttitudeFixes:
     return AttitudeFixes(t, q, noise, sensor, row, names)
 
 
+def gap_limit(nav: GnssStarNavigator, table: GyroTable) -> float:
+    """Return the longest step of a gyro that is no gap [s]; 0 where a lone sample has no step."""
+    gyro = nav.gyro
+    assert gyro is not None
+    if gyro.max_gap is not None:
+        return float(gyro.max_gap)
+    return 3.0 * float(np.median(np.diff(table.t))) if len(table.t) > 1 else 0.0
+
+
 def gyro_inputs(nav: GnssStarNavigator, table: GyroTable, stops: FloatArray) -> FloatArray:
     """Mean body rate and extra noise from each stop to the next, (n, 4).
 
-    Stops between two samples share what holds between them.
+    Stops between two samples share what holds between them; beyond the first and the last sample
+    theirs are held, farther than a gap may be as in a gap.
     """
     gyro = nav.gyro
     assert gyro is not None
     rate, t = gyro.to_body(table.rate), table.t
-    dt = np.diff(t)
-    limit = gyro.max_gap if gyro.max_gap is not None else 3.0 * float(np.median(dt))
+    dt, limit = np.diff(t), gap_limit(nav, table)
     mean = 0.5 * (rate[:-1] + rate[1:])
     chosen = {"hold": rate[:-1], "integrated": rate[1:], "average": mean}[gyro.sampling]
     gap = dt > limit
@@ -107,9 +116,11 @@ def gyro_inputs(nav: GnssStarNavigator, table: GyroTable, stops: FloatArray) -> 
     inputs[:-1, :3] = np.where(gap[:, None], mean, chosen)
     inputs[:-1, 3] = np.where(gap, gyro.gap_rate_sigma**2 * dt, 0.0)
     inputs[-1, :3] = rate[-1]
-    return np.ascontiguousarray(
-        inputs[np.clip(np.searchsorted(t, stops, "right") - 1, 0, len(t) - 1)]
-    )
+    out = inputs[np.clip(np.searchsorted(t, stops, "right") - 1, 0, len(t) - 1)]
+    for beyond, away in ((stops < t[0], t[0] - stops[0]), (stops >= t[-1], stops[-1] - t[-1])):
+        if away > limit:
+            out[beyond, 3] = gyro.gap_rate_sigma**2 * away
+    return np.ascontiguousarray(out)
 
 
 def _turns(stops: FloatArray, gyro: FloatArray, t: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ from celestcore.frames import orbital
 from celestcore.gnss._attitude import (
     AttitudeFixes,
     AttitudeRun,
+    gap_limit,
     gyro_inputs,
     star_fixes,
     with_antennas,
@@ -207,11 +208,12 @@ def _driven(
 ) -> dict[str, Any]:
     """Run with a gyro: it must span the stops."""
     begin, end = float(gyro.t[0]), float(gyro.t[-1])
-    slack = 3.0 * float(np.median(np.diff(gyro.t)))
+    slack = gap_limit(run.nav, gyro)
     if stops.t[0] < begin - slack or stops.t[-1] > end + slack:
         warn(
             f"the gyro spans {begin:.6g} to {end:.6g} s, the other sensors {stops.t[0]:.6g} to "
-            f"{stops.t[-1]:.6g} s: beyond the gyro its nearest rate is held"
+            f"{stops.t[-1]:.6g} s: beyond the gyro its nearest rate is held, with the uncertainty "
+            "gyro.gap_rate_sigma"
         )
     inside = gyro.t[(gyro.t > stops.t[0]) & (gyro.t < stops.t[-1])]
     t = np.union1d(stops.t, inside)
