@@ -8,6 +8,7 @@ import celestcore as cc
 import numpy as np
 import pytest
 from celestcore.gnss import GnssStarScenario
+from celestcore.gnss._segments import in_segments
 from celestcore.orbit import ForceModel, OrbitDynamics
 
 J2 = ForceModel.j2()
@@ -48,3 +49,61 @@ def test_beyond_a_short_gyro_the_sigma_grows(rows):
     assert sol.counts["star_rejected"] == 0
     turned = cc.quaternion.multiply(cc.quaternion.conjugate(sol.q), made.q_ib)
     assert (np.abs(cc.quaternion.log(turned)) < 5.0 * sol.sigma_q).all()
+
+
+@pytest.mark.parametrize("off", [2e3, 5e4])
+def test_a_wrong_start_is_given_up(off):
+    made = SCENARIO.trial(seed=1)
+    for call in (NAV.run, NAV.smooth):
+        with pytest.warns(cc.CelestcoreWarning, match="started again at t = 0 s.*a wrong r0"):
+            sol = call(made.log, r0=made.r_i[0] + [off, 0, 0], v0=made.v_i[0], sigma0=(10.0, 0.1))
+        assert sol.restarts == [0.0]
+        assert np.linalg.norm(sol.r - made.r_i, axis=1).max() < 5.0
+
+
+class Jumps:
+    """A filter that is lost after every hundredth stop, and counts the stops it has gone over."""
+
+    def __init__(self, n):
+        self.t, self.gone = np.arange(float(n)), 0
+
+    def rows(self, t):
+        return np.flatnonzero(self.t >= t)
+
+    def times(self, rows):
+        return self.t[rows]
+
+    def go(self, stops, start, rows, *, back):
+        assert (self.t[rows] <= self.t[stops][-1]).all() or rows[-1] == len(self.t) - 1
+        self.gone += len(self.t[stops])
+        return {"t": self.t[stops], "start": start[0]}
+
+    def lost(self, out, rows):
+        next_jump = 100.0 * (1 + out["start"] // 100)
+        return float(next_jump) if out["t"][-1] >= next_jump + 10.0 else None
+
+    def again(self, lost, t):
+        return (t, np.zeros(1), np.eye(1))
+
+
+def test_many_restarts_cost_no_square():
+    runs = Jumps(100_000)
+    start = (0.0, np.zeros(1), np.eye(1))
+    segments, restarts = in_segments(runs, runs.t, start, back=False)
+    assert restarts == (100.0 * np.arange(1, 1000)).tolist()
+    np.testing.assert_array_equal(np.concatenate([out["t"] for out, _ in segments]), runs.t)
+    assert runs.gone < 15 * len(runs.t)
+
+
+def test_restarts_far_apart_are_all_found():
+    long = replace(SCENARIO, duration=40_000.0, star_step=1000.0)
+    made, ahead = (replace(long, gnss_offset=s).trial(seed=1) for s in (0.0, 0.1))
+    gnss, later = made.log.gnss, ahead.log.gnss
+    use = ((gnss.t > 5000.0) & (gnss.t < 30_000.0))[:, None]
+    log = log_of(
+        made, gnss=(gnss.t, np.where(use, later.r, gnss.r), np.where(use, later.v, gnss.v))
+    )
+    with pytest.warns(cc.CelestcoreWarning, match="started again at t = 5010, 30000 s"):
+        sol = NAV.run(log)
+    assert sol.restarts == [5010.0, 30_000.0]
+    assert sol.t.tolist() == made.t.tolist()

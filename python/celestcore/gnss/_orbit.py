@@ -203,12 +203,13 @@ class OrbitRun:
     ) -> OrbitPass:
         """Run over the stops; where every fix is refused many times running, start again."""
         self.stops, self.wanted, self.options = stops, wanted, o
-        segments, restarts = in_segments(self, stops, start, back=back)
+        given = o["r0"] is not None
+        segments, restarts = in_segments(self, stops, start, back=back, given=given)
         if restarts:
             warn(
                 f"the orbit filter refused {self.nav.max_rejected} fixes running and started again "
-                f"at t = {listed(restarts)} s: a manoeuvre, a jump of the receiver, or dynamics "
-                "that are too confident"
+                f"at t = {listed(restarts)} s: a manoeuvre, a jump of the receiver, a wrong r0 "
+                "or v0, or dynamics that are too confident"
             )
         return _pass(stacked(segments), restarts)
 

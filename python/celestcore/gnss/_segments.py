@@ -35,31 +35,58 @@ Segment = tuple[dict[str, Any], Any]
 """The core's answer, and the rows that its own row numbers count in."""
 
 
+FIRST_LOOK, LONGER = 1024, 4
+"""Stops that a run looks at after a restart, and how many times more if it is not lost there: with
+many restarts each costs what lies between it and the next, not the rest of the log."""
+
+
 def in_segments(
-    runs: Runs, stops: FloatArray, start: Begin, *, back: bool
+    runs: Runs, stops: FloatArray, start: Begin, *, back: bool, given: bool = False
 ) -> tuple[list[Segment], list[float]]:
-    """Run over all stops; return the segments and the times at which a new one began."""
+    """Run over all stops; return the segments and the times at which a new one began.
+
+    `given` says that the start is not from the fixes: if nothing is believed after it, one is.
+    """
     segments: list[Segment] = []
     restarts: list[float] = []
     begin = 0
     while True:
-        whole, rows = slice(begin, None), runs.rows(start[0])
-        out = runs.go(whole, start, rows, back=False)
-        lost = runs.lost(out, rows)
+        out, rows, lost = _until_lost(runs, stops, start, begin, whole=not restarts)
         end, again = begin, None
-        # a start of which nothing after it is believed would be found again: no use
+        # a start in the fixes of which nothing after it is believed would be found again: no use
         if lost is not None:
             end = begin + int(np.searchsorted(stops[begin:], lost))
-            again = runs.again(lost, float(stops[end])) if end > begin else None
+            again = runs.again(lost, float(stops[end])) if end > begin or given else None
+        given = False
         if lost is None or again is None:
-            if back:
-                out = runs.go(whole, start, rows, back=True)
+            if back or lost is not None:
+                rows = runs.rows(start[0])
+                out = runs.go(slice(begin, None), start, rows, back=back)
             segments.append((out, rows))
             return segments, restarts
-        before = rows[runs.times(rows) < lost]
-        segments.append((runs.go(slice(begin, end), start, before, back=back), before))
+        if end > begin:
+            before = rows[runs.times(rows) < lost]
+            segments.append((runs.go(slice(begin, end), start, before, back=back), before))
         start, begin = again, end
         restarts.append(float(stops[end]))
+
+
+def _until_lost(
+    runs: Runs, stops: FloatArray, start: Begin, begin: int, *, whole: bool
+) -> tuple[dict[str, Any], Any, float | None]:
+    """Run forward until the filter is lost, or to the end: the answer, its rows, the time."""
+    every = runs.rows(start[0])
+    look = len(stops) if whole else FIRST_LOOK
+    while True:
+        end = min(begin + look, len(stops))
+        rows = every
+        if end < len(stops):
+            rows = every[runs.times(every) <= stops[end - 1]]
+        out = runs.go(slice(begin, end), start, rows, back=False)
+        lost = runs.lost(out, rows)
+        if lost is not None or end == len(stops):
+            return out, rows, lost
+        look *= LONGER
 
 
 def first_of_many(refused: Any, t: FloatArray, most: int | None) -> float | None:
