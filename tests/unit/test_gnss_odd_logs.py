@@ -7,7 +7,7 @@ from dataclasses import replace
 import celestcore as cc
 import numpy as np
 import pytest
-from celestcore.gnss import GnssStarScenario
+from celestcore.gnss import GnssReceiver, GnssStarScenario
 from celestcore.gnss._segments import in_segments
 from celestcore.orbit import ForceModel, OrbitDynamics
 
@@ -107,3 +107,16 @@ def test_restarts_far_apart_are_all_found():
         sol = NAV.run(log)
     assert sol.restarts == [5010.0, 30_000.0]
     assert sol.t.tolist() == made.t.tolist()
+
+
+def test_monte_carlo_with_time_offsets():
+    """Epochs of the truth before the first and after the last fix are not scored."""
+    scenario = replace(SCENARIO, duration=600.0, gnss_offset=-0.3, star_offset=0.4)
+    receiver = GnssReceiver(time_offset=0.3)
+    nav = cc.GnssStarNavigator(dynamics=DYNAMICS, gnss=receiver, star_time_offset=-0.4)
+    one = nav.monte_carlo(scenario, 2, seed=1, smooth=True)
+    assert not one["ekf"].failures
+    assert (one["ekf"].rms_position < 1.0).all()
+    early = replace(scenario, star_offset=-0.4)
+    nav = cc.GnssStarNavigator(dynamics=DYNAMICS, gnss=receiver, star_time_offset=0.4)
+    assert not nav.monte_carlo(early, 2, seed=1)["ekf"].failures

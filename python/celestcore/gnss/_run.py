@@ -84,6 +84,17 @@ class Stops:
         self.wanted = np.isin(self.t, grid)
 
 
+def within(nav: GnssStarNavigator, log: SensorLog, t: FloatArray) -> FloatArray:
+    """Return those of some times that lie between a log's first and last fix, offsets taken out."""
+    tables: list[tuple[Any, float]] = [(log.gnss, nav.gnss.time_offset)]
+    tables += [(star, nav.star_time_offset) for star in log.stars.values()]
+    if nav.antennas is not None:
+        tables.append((log.baselines, nav.gnss.time_offset))
+    ends = [table.t[[0, -1]] - offset for table, offset in tables if table is not None]
+    first, last = min(e[0] for e in ends), max(e[1] for e in ends)
+    return np.ascontiguousarray(t[(t >= first) & (t <= last)])
+
+
 def replay(
     nav: GnssStarNavigator, log: SensorLog, o: dict[str, Any], *, back: bool
 ) -> GnssStarSolution:
