@@ -120,3 +120,25 @@ def test_monte_carlo_with_time_offsets():
     early = replace(scenario, star_offset=-0.4)
     nav = cc.GnssStarNavigator(dynamics=DYNAMICS, gnss=receiver, star_time_offset=0.4)
     assert not nav.monte_carlo(early, 2, seed=1)["ekf"].failures
+
+
+def test_errors_name_the_log_and_the_argument():
+    made = SCENARIO.trial(seed=1)
+    gnss = made.log.gnss
+    with pytest.raises(cc.InputError, match=r"^gnss, .*needs two fixes at least"):
+        NAV.run(log_of(made, gnss=(gnss.t[:1], gnss.r[:1])))
+    with pytest.raises(cc.InputError, match=r"outside the log's span, 0\.0 to 1200\.0 s"):
+        NAV.run(made.log, t_output=[1300.0])
+    state = NAV.start(0.0, made.r_i[0], made.v_i[0], epoch=made.log.epoch)
+    with pytest.raises(cc.InputError, match=r"^r_e.*kilometres"):
+        state.update_gnss(0.0, gnss.r[0] / 1e3)
+    with pytest.raises(cc.InputError, match=r"^v_e.*km/s"):
+        state.update_gnss(0.0, gnss.r[0], gnss.v[0] / 1e3)
+
+
+def test_a_geostationary_satellite_hardly_moves_over_the_ground():
+    r_e = np.array([[42164e3, 0.0, 0.0]])
+    epoch = "2026-01-01T00:00:00"
+    r_i, v_i = cc.frames.to_gcrs(epoch, [0.0], r_e, np.array([[0.0, 0.0, 1.5]]))
+    state = NAV.start(0.0, r_i[0], v_i[0], epoch=epoch)
+    assert state.update_gnss(0.0, r_e[0], [0.0, 0.0, 1.5]).accepted

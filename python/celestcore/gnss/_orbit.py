@@ -161,14 +161,17 @@ class OrbitRun:
     def _begin(self, some: slice, t: float) -> tuple[float, FloatArray, FloatArray]:
         receiver, v = self.nav.gnss, self.fixes.v
         velocity_sigma = receiver.sigma_velocity
-        found = orbit_start(
-            self.fixes.epochs[some],
-            self.fixes.r[some],
-            None if v is None else v[some],
-            sigma=float(np.max(np.asarray(receiver.sigma))),
-            sigma_velocity=None if velocity_sigma is None else float(np.max(velocity_sigma)),
-            fixes=some.stop - some.start,
-        )
+        try:
+            found = orbit_start(
+                self.fixes.epochs[some],
+                self.fixes.r[some],
+                None if v is None else v[some],
+                sigma=float(np.max(np.asarray(receiver.sigma))),
+                sigma_velocity=None if velocity_sigma is None else float(np.max(velocity_sigma)),
+                fixes=some.stop - some.start,
+            )
+        except InputError as error:
+            raise InputError(error.message, field="gnss", value=error.value) from None
         bad = np.flatnonzero(~found.good) + some.start
         if len(bad):
             self.used &= ~np.isin(self.fixes.row, bad)

@@ -75,7 +75,7 @@ class Stops:
         if outside.any():
             row = int(np.argmax(outside))
             raise InputError(
-                f"lies outside the log's span, {epochs[0]!r} to {epochs[-1]!r} s",
+                f"lies outside the log's span, {float(epochs[0])!r} to {float(epochs[-1])!r} s",
                 field="t_output",
                 row=row,
                 value=float(grid[row]),
