@@ -8,7 +8,7 @@ import celestcore as cc
 import numpy as np
 import pytest
 from celestcore.gnss import GnssReceiver, GnssStarScenario
-from celestcore.gnss._segments import in_segments
+from celestcore.gnss._segments import in_segments, many_refused
 from celestcore.orbit import ForceModel, OrbitDynamics
 
 J2 = ForceModel.j2()
@@ -80,7 +80,7 @@ class Jumps:
 
     def lost(self, out, rows):
         next_jump = 100.0 * (1 + out["start"] // 100)
-        return float(next_jump) if out["t"][-1] >= next_jump + 10.0 else None
+        return np.array([next_jump] if out["t"][-1] >= next_jump + 10.0 else [])
 
     def again(self, lost, t):
         return (t, np.zeros(1), np.eye(1))
@@ -107,6 +107,38 @@ def test_restarts_far_apart_are_all_found():
         sol = NAV.run(log)
     assert sol.restarts == [5010.0, 30_000.0]
     assert sol.t.tolist() == made.t.tolist()
+
+
+def test_runs_of_refused_fixes():
+    refused = np.array([0, 1, 1, 1, 1, 1, 1, 1, 0, 1, 1, 0, 1, 1, 1], bool)
+    t = np.arange(15.0)
+    assert many_refused(refused, t, 3).tolist() == [1.0, 4.0, 12.0]
+    assert many_refused(refused, t, None).tolist() == []
+    assert many_refused(refused[:2], t[:2], 3).tolist() == []
+
+
+@pytest.mark.parametrize("kick", [0.0, 3.0])
+def test_after_fixes_that_no_orbit_fits_the_filter_finds_the_orbit_again(kick):
+    """Eight minutes of garbage; after a manoeuvre in it the old orbit does not come back."""
+    made = replace(SCENARIO, duration=4000.0).trial(seed=1)
+    gnss, rng = made.log.gnss, np.random.default_rng(2)
+    late = made.t >= 1500.0
+    new = cc.orbit.propagate(
+        J2, None, made.r_i[150], made.v_i[150] + [0.0, 0.0, kick], made.t[late]
+    )
+    r_e, v_e = cc.frames.to_itrs(made.log.epoch, made.t[late], new.r, new.v)
+    r, v = gnss.r.copy(), gnss.v.copy()
+    r[late], v[late] = r_e + rng.normal(size=r_e.shape), v_e + 0.01 * rng.normal(size=v_e.shape)
+    r[150:200] += 1e3 * rng.normal(size=(50, 3))
+    log = log_of(made, gnss=(gnss.t, r, v))
+    for call in (NAV.run, NAV.smooth):
+        with pytest.warns(cc.CelestcoreWarning) as said:
+            sol = call(log)
+        assert sum("no orbit fits them" in str(w.message) for w in said) == 1
+        assert len(sol.restarts) == 1
+        assert sol.t.tolist() == made.t.tolist()
+        # found at the latest when it has gone on for as long again
+        assert np.linalg.norm(sol.r[250:] - new.r[100:], axis=1).max() < 5.0
 
 
 def test_monte_carlo_with_time_offsets():

@@ -13,7 +13,7 @@ from celestcore._replay import BIAS_SIGMA
 from celestcore.errors import InputError
 from celestcore.gnss._attitude_start import FIRST, agreeing
 from celestcore.gnss._orbit import COLUMNS, ROWS
-from celestcore.gnss._segments import Begin, first_of_many, in_segments, listed, stacked
+from celestcore.gnss._segments import Begin, in_segments, listed, many_refused, stacked
 from celestcore.gnss.attitude import gps_attitude
 
 if TYPE_CHECKING:
@@ -226,11 +226,11 @@ class AttitudeRun:
         )
         return out
 
-    def lost(self, out: dict[str, Any], rows: Any) -> float | None:
-        """Return the time of the first of too many fixes that were refused running."""
-        index = rows[out["row"]]
-        t = first_of_many(~out["accepted"], self.fixes.t[index], self.nav.max_rejected)
-        return t if t is not None and len(self.rows(t)) >= 3 else None
+    def lost(self, out: dict[str, Any], rows: Any) -> FloatArray:
+        """Return the times at which too many fixes were refused running."""
+        index, used = rows[out["row"]], self.fixes.t[self.used]
+        t = many_refused(~out["accepted"], self.fixes.t[index], self.nav.max_rejected)
+        return t[len(used) - np.searchsorted(used, t) >= 3]
 
     def again(self, lost: float, t: float) -> Begin | None:
         """Return a start at time t from the fixes from `lost` on."""

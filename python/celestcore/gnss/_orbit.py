@@ -11,7 +11,7 @@ from celestcore import quaternion
 from celestcore._check import FloatArray, warn
 from celestcore.errors import InputError
 from celestcore.gnss._earth import Earth, GivenEarth
-from celestcore.gnss._segments import Begin, first_of_many, in_segments, listed, stacked
+from celestcore.gnss._segments import Begin, in_segments, listed, many_refused, stacked
 from celestcore.gnss.start import orbit_start
 from celestcore.orbit.propagate import propagate
 
@@ -145,6 +145,7 @@ class OrbitRun:
         self.nav, self.fixes, self.epoch, self.tables = nav, fixes, epoch, tables
         self.core = nav._orbit_core(tables)
         self.used = np.ones(len(fixes.t), bool)
+        self.warned = False
 
     def begin(self, after: float, t: float) -> tuple[float, FloatArray, FloatArray]:
         """Find a start in the fixes from `after` on, and carry it to time `t`."""
@@ -229,10 +230,12 @@ class OrbitRun:
         try:
             return self.begin(lost, t)
         except InputError as error:
-            warn(
-                f"the orbit filter refuses fixes from t = {lost:.6g} s on, and no orbit fits them "
-                f"to start again from ({error}); from there it is mostly predicted"
-            )
+            if not self.warned:
+                warn(
+                    f"the orbit filter refuses fixes from t = {lost:.6g} s on, and no orbit fits "
+                    f"them to start again from ({error}); until one does it is mostly predicted"
+                )
+            self.warned = True
             return None
 
     def go(self, stops: slice, start: Begin, rows: Any, *, back: bool) -> dict[str, Any]:
@@ -254,14 +257,14 @@ class OrbitRun:
         )
         return out
 
-    def lost(self, out: dict[str, Any], rows: Any) -> float | None:
-        """Return the time of the first of too many positions that were refused running."""
+    def lost(self, out: dict[str, Any], rows: Any) -> FloatArray:
+        """Return the times at which too many positions were refused running."""
         index = rows[out["row"]]
         positions = ~self.fixes.velocity[index]
-        most = self.nav.max_rejected
-        t = first_of_many(~out["accepted"][positions], self.fixes.t[index][positions], most)
-        # fewer fixes than a start takes are left: nothing to start again from
-        return t if t is not None and np.count_nonzero(self.fixes.epochs >= t) >= 3 else None
+        refused = ~out["accepted"][positions]
+        t = many_refused(refused, self.fixes.t[index][positions], self.nav.max_rejected)
+        # where fewer fixes than a start takes are left there is nothing to start again from
+        return t[len(self.fixes.epochs) - np.searchsorted(self.fixes.epochs, t) >= 3]
 
 
 def _pass(out: dict[str, Any], restarts: list[float]) -> OrbitPass:
