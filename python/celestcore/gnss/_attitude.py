@@ -239,7 +239,7 @@ class AttitudeRun:
     def _begin(self, after: float, t: float) -> Begin:
         rows = self.rows(after)
         good = self._good(rows, self.q)
-        self.used &= ~np.isin(np.arange(len(self.used)), np.setdiff1d(rows, good))
+        self.used[np.setdiff1d(rows[:FIRST], good[:FIRST])] = False
         return self._start(t, good, self.q)
 
     def _good(self, inside: Any, q: FloatArray) -> Any:

@@ -35,7 +35,7 @@ Segment = tuple[dict[str, Any], Any]
 """The core's answer, and the rows that its own row numbers count in."""
 
 
-FIRST_LOOK, LONGER = 1024, 4
+FIRST_LOOK, LONGER = 256, 4
 """Stops that a run looks at after a restart, and how many times more if it is not lost there: with
 many restarts each costs what lies between it and the next, not the rest of the log."""
 
@@ -83,7 +83,7 @@ def _until_lost(
         end = min(begin + look, len(stops))
         rows = every
         if end < len(stops):
-            rows = every[runs.times(every) <= stops[end - 1]]
+            rows = every[: np.searchsorted(runs.times(every), stops[end - 1], "right")]
         out = runs.go(slice(begin, end), start, rows, back=False)
         lost = runs.lost(out, rows)
         if len(lost) or end == len(stops):
