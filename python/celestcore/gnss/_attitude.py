@@ -13,7 +13,7 @@ from celestcore._replay import BIAS_SIGMA
 from celestcore.errors import InputError
 from celestcore.gnss._attitude_start import FIRST, agreeing
 from celestcore.gnss._orbit import COLUMNS, ROWS
-from celestcore.gnss._segments import Begin, first_of_many, in_segments, listed, stacked
+from celestcore.gnss._segments import Begin, in_segments, listed, many_refused, stacked
 from celestcore.gnss.attitude import gps_attitude
 
 if TYPE_CHECKING:
@@ -90,16 +90,25 @@ def _ordered(parts: list[tuple[Any, ...]], names: list[str]) -> AttitudeFixes:
     return AttitudeFixes(t, q, noise, sensor, row, names)
 
 
+def gap_limit(nav: GnssStarNavigator, table: GyroTable) -> float:
+    """Return the longest step of a gyro that is no gap [s]; 0 where a lone sample has no step."""
+    gyro = nav.gyro
+    assert gyro is not None
+    if gyro.max_gap is not None:
+        return float(gyro.max_gap)
+    return 3.0 * float(np.median(np.diff(table.t))) if len(table.t) > 1 else 0.0
+
+
 def gyro_inputs(nav: GnssStarNavigator, table: GyroTable, stops: FloatArray) -> FloatArray:
     """Mean body rate and extra noise from each stop to the next, (n, 4).
 
-    Stops between two samples share what holds between them.
+    Stops between two samples share what holds between them; beyond the first and the last sample
+    theirs are held, farther than a gap may be as in a gap.
     """
     gyro = nav.gyro
     assert gyro is not None
     rate, t = gyro.to_body(table.rate), table.t
-    dt = np.diff(t)
-    limit = gyro.max_gap if gyro.max_gap is not None else 3.0 * float(np.median(dt))
+    dt, limit = np.diff(t), gap_limit(nav, table)
     mean = 0.5 * (rate[:-1] + rate[1:])
     chosen = {"hold": rate[:-1], "integrated": rate[1:], "average": mean}[gyro.sampling]
     gap = dt > limit
@@ -107,9 +116,11 @@ def gyro_inputs(nav: GnssStarNavigator, table: GyroTable, stops: FloatArray) -> 
     inputs[:-1, :3] = np.where(gap[:, None], mean, chosen)
     inputs[:-1, 3] = np.where(gap, gyro.gap_rate_sigma**2 * dt, 0.0)
     inputs[-1, :3] = rate[-1]
-    return np.ascontiguousarray(
-        inputs[np.clip(np.searchsorted(t, stops, "right") - 1, 0, len(t) - 1)]
-    )
+    out = inputs[np.clip(np.searchsorted(t, stops, "right") - 1, 0, len(t) - 1)]
+    for beyond, away in ((stops < t[0], t[0] - stops[0]), (stops >= t[-1], stops[-1] - t[-1])):
+        if away > limit:
+            out[beyond, 3] = gyro.gap_rate_sigma**2 * away
+    return np.ascontiguousarray(out)
 
 
 def _turns(stops: FloatArray, gyro: FloatArray, t: FloatArray) -> FloatArray:
@@ -215,11 +226,11 @@ class AttitudeRun:
         )
         return out
 
-    def lost(self, out: dict[str, Any], rows: Any) -> float | None:
-        """Return the time of the first of too many fixes that were refused running."""
-        index = rows[out["row"]]
-        t = first_of_many(~out["accepted"], self.fixes.t[index], self.nav.max_rejected)
-        return t if t is not None and len(self.rows(t)) >= 3 else None
+    def lost(self, out: dict[str, Any], rows: Any) -> FloatArray:
+        """Return the times at which too many fixes were refused running."""
+        index, used = rows[out["row"]], self.fixes.t[self.used]
+        t = many_refused(~out["accepted"], self.fixes.t[index], self.nav.max_rejected)
+        return t[len(used) - np.searchsorted(used, t) >= 3]
 
     def again(self, lost: float, t: float) -> Begin | None:
         """Return a start at time t from the fixes from `lost` on."""
@@ -228,7 +239,7 @@ class AttitudeRun:
     def _begin(self, after: float, t: float) -> Begin:
         rows = self.rows(after)
         good = self._good(rows, self.q)
-        self.used &= ~np.isin(np.arange(len(self.used)), np.setdiff1d(rows, good))
+        self.used[np.setdiff1d(rows[:FIRST], good[:FIRST])] = False
         return self._start(t, good, self.q)
 
     def _good(self, inside: Any, q: FloatArray) -> Any:

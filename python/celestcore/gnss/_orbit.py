@@ -11,7 +11,7 @@ from celestcore import quaternion
 from celestcore._check import FloatArray, warn
 from celestcore.errors import InputError
 from celestcore.gnss._earth import Earth, GivenEarth
-from celestcore.gnss._segments import Begin, first_of_many, in_segments, listed, stacked
+from celestcore.gnss._segments import Begin, in_segments, listed, many_refused, stacked
 from celestcore.gnss.start import orbit_start
 from celestcore.orbit.propagate import propagate
 
@@ -82,7 +82,8 @@ def attitude_at(
     t: FloatArray, star: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Attitude and rate of the body at some times, straight between star fixes."""
-    at, q = star
+    at, first = np.unique(star[0], return_index=True)  # several star sensors may share epochs
+    q = star[1][first]
     if len(at) < 2:
         raise InputError(
             "needs star fixes that tell the attitude, two at least; or give lever_arm=(0, 0, 0)",
@@ -144,6 +145,7 @@ class OrbitRun:
         self.nav, self.fixes, self.epoch, self.tables = nav, fixes, epoch, tables
         self.core = nav._orbit_core(tables)
         self.used = np.ones(len(fixes.t), bool)
+        self.warned = False
 
     def begin(self, after: float, t: float) -> tuple[float, FloatArray, FloatArray]:
         """Find a start in the fixes from `after` on, and carry it to time `t`."""
@@ -160,14 +162,17 @@ class OrbitRun:
     def _begin(self, some: slice, t: float) -> tuple[float, FloatArray, FloatArray]:
         receiver, v = self.nav.gnss, self.fixes.v
         velocity_sigma = receiver.sigma_velocity
-        found = orbit_start(
-            self.fixes.epochs[some],
-            self.fixes.r[some],
-            None if v is None else v[some],
-            sigma=float(np.max(np.asarray(receiver.sigma))),
-            sigma_velocity=None if velocity_sigma is None else float(np.max(velocity_sigma)),
-            fixes=some.stop - some.start,
-        )
+        try:
+            found = orbit_start(
+                self.fixes.epochs[some],
+                self.fixes.r[some],
+                None if v is None else v[some],
+                sigma=float(np.max(np.asarray(receiver.sigma))),
+                sigma_velocity=None if velocity_sigma is None else float(np.max(velocity_sigma)),
+                fixes=some.stop - some.start,
+            )
+        except InputError as error:
+            raise InputError(error.message, field="gnss", value=error.value) from None
         bad = np.flatnonzero(~found.good) + some.start
         if len(bad):
             self.used &= ~np.isin(self.fixes.row, bad)
@@ -202,12 +207,13 @@ class OrbitRun:
     ) -> OrbitPass:
         """Run over the stops; where every fix is refused many times running, start again."""
         self.stops, self.wanted, self.options = stops, wanted, o
-        segments, restarts = in_segments(self, stops, start, back=back)
+        given = o["r0"] is not None
+        segments, restarts = in_segments(self, stops, start, back=back, given=given)
         if restarts:
             warn(
                 f"the orbit filter refused {self.nav.max_rejected} fixes running and started again "
-                f"at t = {listed(restarts)} s: a manoeuvre, a jump of the receiver, or dynamics "
-                "that are too confident"
+                f"at t = {listed(restarts)} s: a manoeuvre, a jump of the receiver, a wrong r0 "
+                "or v0, or dynamics that are too confident"
             )
         return _pass(stacked(segments), restarts)
 
@@ -224,10 +230,12 @@ class OrbitRun:
         try:
             return self.begin(lost, t)
         except InputError as error:
-            warn(
-                f"the orbit filter refuses fixes from t = {lost:.6g} s on, and no orbit fits them "
-                f"to start again from ({error}); from there it is mostly predicted"
-            )
+            if not self.warned:
+                warn(
+                    f"the orbit filter refuses fixes from t = {lost:.6g} s on, and no orbit fits "
+                    f"them to start again from ({error}); until one does it is mostly predicted"
+                )
+            self.warned = True
             return None
 
     def go(self, stops: slice, start: Begin, rows: Any, *, back: bool) -> dict[str, Any]:
@@ -249,14 +257,14 @@ class OrbitRun:
         )
         return out
 
-    def lost(self, out: dict[str, Any], rows: Any) -> float | None:
-        """Return the time of the first of too many positions that were refused running."""
+    def lost(self, out: dict[str, Any], rows: Any) -> FloatArray:
+        """Return the times at which too many positions were refused running."""
         index = rows[out["row"]]
         positions = ~self.fixes.velocity[index]
-        most = self.nav.max_rejected
-        t = first_of_many(~out["accepted"][positions], self.fixes.t[index][positions], most)
-        # fewer fixes than a start takes are left: nothing to start again from
-        return t if t is not None and np.count_nonzero(self.fixes.epochs >= t) >= 3 else None
+        refused = ~out["accepted"][positions]
+        t = many_refused(refused, self.fixes.t[index][positions], self.nav.max_rejected)
+        # where fewer fixes than a start takes are left there is nothing to start again from
+        return t[len(self.fixes.epochs) - np.searchsorted(self.fixes.epochs, t) >= 3]
 
 
 def _pass(out: dict[str, Any], restarts: list[float]) -> OrbitPass:

@@ -19,6 +19,7 @@ from celestcore.frames import orbital
 from celestcore.gnss._attitude import (
     AttitudeFixes,
     AttitudeRun,
+    gap_limit,
     gyro_inputs,
     star_fixes,
     with_antennas,
@@ -74,13 +75,24 @@ class Stops:
         if outside.any():
             row = int(np.argmax(outside))
             raise InputError(
-                f"lies outside the log's span, {epochs[0]!r} to {epochs[-1]!r} s",
+                f"lies outside the log's span, {float(epochs[0])!r} to {float(epochs[-1])!r} s",
                 field="t_output",
                 row=row,
                 value=float(grid[row]),
             )
         self.t = np.union1d(epochs, grid)
         self.wanted = np.isin(self.t, grid)
+
+
+def within(nav: GnssStarNavigator, log: SensorLog, t: FloatArray) -> FloatArray:
+    """Return those of some times that lie between a log's first and last fix, offsets taken out."""
+    tables: list[tuple[Any, float]] = [(log.gnss, nav.gnss.time_offset)]
+    tables += [(star, nav.star_time_offset) for star in log.stars.values()]
+    if nav.antennas is not None:
+        tables.append((log.baselines, nav.gnss.time_offset))
+    ends = [table.t[[0, -1]] - offset for table, offset in tables if table is not None]
+    first, last = min(e[0] for e in ends), max(e[1] for e in ends)
+    return np.ascontiguousarray(t[(t >= first) & (t <= last)])
 
 
 def replay(
@@ -207,11 +219,12 @@ def _driven(
 ) -> dict[str, Any]:
     """Run with a gyro: it must span the stops."""
     begin, end = float(gyro.t[0]), float(gyro.t[-1])
-    slack = 3.0 * float(np.median(np.diff(gyro.t)))
+    slack = gap_limit(run.nav, gyro)
     if stops.t[0] < begin - slack or stops.t[-1] > end + slack:
         warn(
             f"the gyro spans {begin:.6g} to {end:.6g} s, the other sensors {stops.t[0]:.6g} to "
-            f"{stops.t[-1]:.6g} s: beyond the gyro its nearest rate is held"
+            f"{stops.t[-1]:.6g} s: beyond the gyro its nearest rate is held, with the uncertainty "
+            "gyro.gap_rate_sigma"
         )
     inside = gyro.t[(gyro.t > stops.t[0]) & (gyro.t < stops.t[-1])]
     t = np.union1d(stops.t, inside)

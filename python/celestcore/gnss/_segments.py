@@ -24,8 +24,8 @@ class Runs(Protocol):
     def go(self, stops: slice, start: Begin, rows: Any, *, back: bool) -> dict[str, Any]:
         """Run over some of the stops."""
 
-    def lost(self, out: dict[str, Any], rows: Any) -> float | None:
-        """Return the time from which too many are refused running."""
+    def lost(self, out: dict[str, Any], rows: Any) -> FloatArray:
+        """Return the times from which too many are refused running."""
 
     def again(self, lost: float, t: float) -> Begin | None:
         """Return a start at time t from the fixes from `lost` on; None if there is none."""
@@ -35,39 +35,87 @@ Segment = tuple[dict[str, Any], Any]
 """The core's answer, and the rows that its own row numbers count in."""
 
 
+FIRST_LOOK, LONGER = 256, 4
+"""Stops that a run looks at after a restart, and how many times more if it is not lost there: with
+many restarts each costs what lies between it and the next, not the rest of the log."""
+
+
 def in_segments(
-    runs: Runs, stops: FloatArray, start: Begin, *, back: bool
+    runs: Runs, stops: FloatArray, start: Begin, *, back: bool, given: bool = False
 ) -> tuple[list[Segment], list[float]]:
-    """Run over all stops; return the segments and the times at which a new one began."""
+    """Run over all stops; return the segments and the times at which a new one began.
+
+    `given` says that the start is not from the fixes: if nothing is believed after it, one is.
+    """
     segments: list[Segment] = []
     restarts: list[float] = []
     begin = 0
     while True:
-        whole, rows = slice(begin, None), runs.rows(start[0])
-        out = runs.go(whole, start, rows, back=False)
-        lost = runs.lost(out, rows)
-        end, again = begin, None
-        # a start of which nothing after it is believed would be found again: no use
-        if lost is not None:
-            end = begin + int(np.searchsorted(stops[begin:], lost))
-            again = runs.again(lost, float(stops[end])) if end > begin else None
-        if lost is None or again is None:
+        out, rows, lost = _until_lost(runs, stops, start, begin, whole=not restarts)
+        again = _again(runs, stops, begin, lost, given=given)
+        if again is None and len(lost):
+            # no start in what was looked at: later there may be one
+            rows = runs.rows(start[0])
+            out = runs.go(slice(begin, None), start, rows, back=False)
+            again = _again(runs, stops, begin, runs.lost(out, rows), given=given)
+        given = False
+        if again is None:
             if back:
-                out = runs.go(whole, start, rows, back=True)
+                out = runs.go(slice(begin, None), start, rows, back=True)
             segments.append((out, rows))
             return segments, restarts
-        before = rows[runs.times(rows) < lost]
-        segments.append((runs.go(slice(begin, end), start, before, back=back), before))
+        end = begin + int(np.searchsorted(stops[begin:], again[0]))
+        if end > begin:
+            rows = runs.rows(start[0])
+            before = rows[runs.times(rows) < again[0]]
+            segments.append((runs.go(slice(begin, end), start, before, back=back), before))
         start, begin = again, end
         restarts.append(float(stops[end]))
 
 
-def first_of_many(refused: Any, t: FloatArray, most: int | None) -> float | None:
-    """Return the time of the first of `most` refused fixes running, if there are so many."""
+def _until_lost(
+    runs: Runs, stops: FloatArray, start: Begin, begin: int, *, whole: bool
+) -> tuple[dict[str, Any], Any, FloatArray]:
+    """Run forward until the filter is lost, or to the end: the answer, its rows, the times."""
+    every = runs.rows(start[0])
+    look = len(stops) if whole else FIRST_LOOK
+    while True:
+        end = min(begin + look, len(stops))
+        rows = every
+        if end < len(stops):
+            rows = every[: np.searchsorted(runs.times(every), stops[end - 1], "right")]
+        out = runs.go(slice(begin, end), start, rows, back=False)
+        lost = runs.lost(out, rows)
+        if len(lost) or end == len(stops):
+            return out, rows, lost
+        look *= LONGER
+
+
+def _again(
+    runs: Runs, stops: FloatArray, begin: int, lost: FloatArray, *, given: bool
+) -> Begin | None:
+    """Return the first start that is found where the filter is lost: there, or farther and farther.
+
+    A start in the fixes of which nothing after it is believed would be found again: no use.
+    """
+    k = 0
+    while k < len(lost):
+        end = begin + int(np.searchsorted(stops[begin:], lost[k]))
+        again = runs.again(float(lost[k]), float(stops[end])) if end > begin or given else None
+        if again is not None:
+            return again
+        k = max(2 * k, k + 1)
+    return None
+
+
+def many_refused(refused: Any, t: FloatArray, most: int | None) -> FloatArray:
+    """Return the times at which `most` refused fixes running begin, one after the other."""
     if most is None or len(refused) < most:
-        return None
-    run = np.convolve(refused, np.ones(most, int), "valid") == most
-    return float(t[int(np.argmax(run))]) if run.any() else None
+        return np.empty(0)
+    first = np.flatnonzero(np.convolve(refused, np.ones(most, int), "valid") == most)
+    apart = np.diff(first, prepend=-2) > 1
+    stretch = first[apart][np.cumsum(apart) - 1]
+    return np.asarray(t[first[(first - stretch) % most == 0]])
 
 
 def listed(restarts: list[float]) -> str:

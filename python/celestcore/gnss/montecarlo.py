@@ -21,7 +21,7 @@ from celestcore._campaign import (
 )
 from celestcore.errors import CelestcoreError, InputError
 from celestcore.gnss._earth import Earth
-from celestcore.gnss._run import DEFAULTS, replay
+from celestcore.gnss._run import DEFAULTS, replay, within
 from celestcore.gnss._scores import (
     COLUMNS,
     THREE,
@@ -58,7 +58,7 @@ class _Job:
         out: dict[str, dict[str, Any] | str] = {}
         for name, (nav_name, back) in self.each.items():
             nav = self.navigators[nav_name]
-            options = {**DEFAULTS, "covariance": True, "t_output": made.t}
+            options = {**DEFAULTS, "covariance": True, "t_output": within(nav, made.log, made.t)}
             options |= {"earth_rotation": self.earth, "environment": self.tables}
             try:
                 sol = replay(nav, made.log, options, back=back)

@@ -20,7 +20,7 @@ from celestcore.frames import orbital
 from celestcore.gnss._earth import Earth
 from celestcore.gnss._orbit import turned
 from celestcore.gnss._run import covariance_of
-from celestcore.orbit.propagate import environment_of, position, velocity
+from celestcore.orbit.propagate import environment_of, position, vector, velocity
 
 if TYPE_CHECKING:
     from celestcore.gnss.navigator import GnssStarNavigator
@@ -72,6 +72,8 @@ class _Filter:
         return out
 
 
+LOW = 2e7
+"""Distance from the Earth's centre [m] below which an Earth-fixed velocity is above 1 km/s."""
 NO_ORBIT_FIX = (np.empty(0), np.empty(0, bool), np.empty((0, 3)), np.empty((0, 6)))
 
 
@@ -217,7 +219,7 @@ class GnssStarState:
         6
         """
         receiver = self.navigator.gnss
-        fixed = np.asarray(position(r_e))
+        fixed = np.asarray(position(r_e, "r_e"))
         at = number(t, "t") - receiver.time_offset
         self.predict(at)
         matrices, turn = Earth(self.epoch).at(np.array([at]))
@@ -225,7 +227,9 @@ class GnssStarState:
         r = r_ie @ fixed
         rows = [(False, r, np.square(np.asarray(receiver.sigma)))]
         if v_e is not None and receiver.sigma_velocity is not None:
-            absolute = np.asarray(velocity(v_e)) + np.cross(turn[0], fixed)
+            # in a geostationary orbit an Earth-fixed velocity may be of any small size
+            read = velocity if np.linalg.norm(fixed) < LOW else vector
+            absolute = np.asarray(read(v_e, "v_e")) + np.cross(turn[0], fixed)
             rows.append((True, r_ie @ absolute, np.square(np.asarray(receiver.sigma_velocity))))
         arm = np.asarray(receiver.lever_arm)
         if arm.any():

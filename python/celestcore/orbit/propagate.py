@@ -177,37 +177,37 @@ def _times(t: Any) -> FloatArray:
     return times
 
 
-def _vector(value: Any, field: str) -> FloatArray:
+def vector(value: Any, field: str) -> FloatArray:
     out = array(value, field, (3,))
     if not np.isfinite(out).all():
         raise InputError("must be finite", field=field, value=out)
     return out
 
 
-def position(r0: Any) -> FloatArray:
-    r = _vector(r0, "r0")
+def position(r0: Any, field: str = "r0") -> FloatArray:
+    r = vector(r0, field)
     radius = float(np.linalg.norm(r))
     if radius < _KILOMETRES:
         raise InputError(
             f"is {radius:.6g} m from the Earth's centre; positions are in metres, these look like "
             "kilometres: multiply by 1000",
-            field="r0",
+            field=field,
             value=r,
         )
     if radius < 0.99 * _EARTH_RADIUS:
         raise InputError(
-            f"lies inside the Earth, {radius:.6g} m from its centre", field="r0", value=r
+            f"lies inside the Earth, {radius:.6g} m from its centre", field=field, value=r
         )
     return r
 
 
-def velocity(v0: Any) -> FloatArray:
-    v = _vector(v0, "v0")
+def velocity(v0: Any, field: str = "v0") -> FloatArray:
+    v = vector(v0, field)
     speed = float(np.linalg.norm(v))
     if 0.0 < speed < 20.0:
         raise InputError(
             f"is {speed:.6g} m/s; velocities are in m/s, these look like km/s: multiply by 1000",
-            field="v0",
+            field=field,
             value=v,
         )
     return v
