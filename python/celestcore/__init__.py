@@ -28,6 +28,7 @@ from celestcore import (
     ccsds,
     celestial,
     elements,
+    formats,
     frames,
     gnss,
     orbit,
@@ -65,6 +66,7 @@ from celestcore.filters import (
     LiteralUKF,
     ScoreEKF,
 )
+from celestcore.formats import LogStream, Stamps, open_log
 from celestcore.gnss import GnssReceiver, GnssStarNavigator, GnssStarSolution, LowFrequencyError
 from celestcore.io import read_log, write_log
 from celestcore.log import SensorLog
@@ -96,6 +98,7 @@ __all__ = [
     "IteratedEKF",
     "LiteralUKF",
     "LogFormatError",
+    "LogStream",
     "LowFrequencyError",
     "MissingDependencyError",
     "MonteCarlo",
@@ -105,6 +108,7 @@ __all__ = [
     "SensorLog",
     "Settings",
     "Solution",
+    "Stamps",
     "StarCamera",
     "StarCatalogue",
     "StarGyroNavigator",
@@ -118,9 +122,11 @@ __all__ = [
     "ccsds",
     "celestial",
     "elements",
+    "formats",
     "frames",
     "gnss",
     "monte_carlo",
+    "open_log",
     "orbit",
     "quaternion",
     "read_log",

@@ -77,7 +77,8 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], type[InputError], list[str]]] = 
     "no directory": (lambda d: d / "missing", LogFormatError, ["no such file"]),
     "other ending": (raw_file("a.txt", b"1"), LogFormatError, ["known are NAME.npz"]),
     "no ending": (raw_file("log", b"1"), LogFormatError, ["known are NAME.npz"]),
-    "single parquet": (raw_file("gyro.parquet", b"1"), LogFormatError, ["give the directory"]),
+    "single parquet": (raw_file("mine.parquet", b"1"), LogFormatError, ["give the directory"]),
+    "damaged parquet": (raw_file("gyro.parquet", b"1"), LogFormatError, ["cannot be read"]),
     # npz
     "empty npz": (raw_file("a.npz", b""), LogFormatError, ["cannot be read as NPZ"]),
     "text npz": (raw_file("a.npz", b"t,wx"), LogFormatError, ["no NPZ file"]),
@@ -140,9 +141,9 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], type[InputError], list[str]]] = 
         ["gyro.wx", "string"],
     ),
     "parquet dates": (
-        parquet_dir("gyro", **{**GYRO, "t": np.array([0, 1], dtype="M8[s]")}),
+        parquet_dir("gyro", **{**GYRO, "wx": np.array([0, 1], dtype="M8[s]")}),
         LogFormatError,
-        ["gyro.t", "timestamp"],
+        ["gyro.wx", "timestamp"],
     ),
     "parquet nested": (
         parquet_dir("gyro", **{**GYRO, "wx": [[0.0], [1.0]]}),
