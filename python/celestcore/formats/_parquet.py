@@ -169,7 +169,9 @@ def _chunks(
                     raise LogFormatError(
                         f"has no {', '.join(missing)}, as {files[0]} has", field=table
                     )
-            for batch in opened.iter_batches(batch_size=chunk_rows, columns=list(columns)):
+            for batch in opened.iter_batches(
+                batch_size=chunk_rows, columns=list(columns), use_threads=False
+            ):
                 batch.validate(full=True)
                 yield {table: _numpy(batch, columns)}
 

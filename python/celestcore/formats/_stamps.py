@@ -17,6 +17,7 @@ _TT_LESS = {"UTC": TT_TAI, "TAI": TT_TAI, "GPS": TT_TAI + TAI_GPS, "TT": 0.0}
 """TT less the reading of each scale [s]; UTC without its leap seconds."""
 _MJD_1970 = 40587
 _FINEST = 10**12
+_DATE = "2026-01-01"
 _LEAST_BITS, _MOST_BITS = 4, 62
 
 
@@ -136,9 +137,10 @@ class Clock:
             try:
                 plain = text[-1].isdigit() and read_epoch(text).scale == "UTC" and "+" not in text
                 at = instant(text + suffix if plain else text)
-            except InputError:
+            except InputError as error:
+                known = error.message.startswith(("has", "is before"))
                 raise InputError(
-                    "is no calendar time such as 2026-01-01T00:00:00.000",
+                    error.message if known else f"is no time such as {_DATE}T00:00:00.000",
                     field=self.field,
                     row=row,
                     value=value,
@@ -153,21 +155,20 @@ class Clock:
 
         Whole counts are subtracted as such, so that nanoseconds since 1970 keep their last digits.
         """
-        start = self._need_start()
-        since = Fraction((mjd - start.mjd) * 86400) + Fraction(seconds).limit_denominator(_FINEST)
-        exact = Fraction(unit).limit_denominator(_FINEST)
-        zero = round(-since / exact)
-        rest = float(zero * exact + since)
-        if np.asarray(counts).dtype.kind in "iu":
-            day = np.multiply(np.asarray(counts, np.int64) - zero, unit, dtype=np.float64) + rest
-        else:
-            day = (counts - zero) * unit + rest
-        scale = self.stamps.scale
-        leaps = 0.0
+        start, scale = self._need_start(), self.stamps.scale
+        step = Fraction(unit).limit_denominator(_FINEST)
+        before = float(leap_seconds(start.mjd)) if scale == "UTC" else 0.0
+        offset = (mjd - start.mjd) * 86400 + _exact(seconds - start.seconds)
+        offset += _exact(_TT_LESS[scale] + before)
+        zero = round(-offset / step)
+        rest = float(zero * step + offset)
+        whole = np.asarray(counts).dtype.kind in "iu"
+        after = (np.asarray(counts, np.int64) if whole else counts) - zero
+        t = np.asarray(after * step.numerator / step.denominator + rest)
         if scale == "UTC":
-            whole = np.floor(np.nan_to_num(day) / DAY) + start.mjd
-            leaps = leap_seconds(whole) + leap
-        return np.asarray(day + (_TT_LESS[scale] - start.seconds) + leaps)
+            clock = np.asarray(counts * float(step.numerator)) / step.denominator + seconds
+            t += leap_seconds(mjd + np.floor(np.nan_to_num(clock) / DAY)) - before + leap
+        return t
 
     def _unwrapped(self, raw: Any) -> IntArray:
         assert self.stamps.bits is not None
@@ -197,6 +198,11 @@ class Clock:
         return self.start
 
 
+def _exact(seconds: float) -> Fraction:
+    """Return seconds to the nanosecond, which is what epochs are written to."""
+    return Fraction(round(seconds * 10**9), 10**9)
+
+
 def numbers(values: Any, field: str) -> FloatArray:
     """Return float64 numbers; an array that is already so is not copied."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1:
@@ -217,7 +223,8 @@ def _nanoseconds(values: Any) -> tuple[IntArray, Any]:
         for row in np.flatnonzero(leap).tolist():
             instant(str(text[row]))  # refuses a leap second where none was
         text = np.where(leap, np.char.replace(text, ":60", ":59"), text)
-    if (np.char.str_len(text) < len("2026-01-01")).any():
+    zoned = (np.char.find(text, "+") >= 0) | (np.char.rfind(text, "-") >= len(_DATE))
+    if (zoned | (np.char.str_len(text) < len(_DATE))).any():
         raise ValueError
     return text.astype("M8[ns]").astype(np.int64), leap.astype(float)
 

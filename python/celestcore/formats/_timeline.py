@@ -219,6 +219,8 @@ class Timeline:
         far = self._far
         keep = np.ones(len(t), dtype=bool)
         settled = len(t) if last else max(len(t) - _LOOK_AHEAD, 0)
+        if not settled:
+            return keep, 0
         at = self._clock_at(t)
         k = 0
         steps = np.abs(np.diff(t, prepend=at)) > far
