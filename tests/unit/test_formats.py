@@ -45,7 +45,7 @@ def sample(gyro: int = 1000, star: int = 95, gnss: int = 13) -> cc.SensorLog:
         gyro=(np.arange(gyro) * 0.1, 1e-3 * RNG.standard_normal((gyro, 3))),
         star=(0.05 + np.arange(star), unit(star)),
         star_2=(3.0 + np.arange(star) * 0.5, unit(star), 1e-5),
-        gnss=(np.arange(gnss) * 7.0, RNG.standard_normal((gnss, 3)) + [7e6, 0.0, 0.0]),
+        gnss=(np.arange(gnss) * 7.0, RNG.normal([7e6, 0.0, 0.0], 1.0, (gnss, 3))),
     )
 
 

@@ -16,7 +16,7 @@ from celestcore._optional import require
 from celestcore.ccsds._time import finite_rows, utc_strings
 from celestcore.errors import InputError, LogFormatError
 from celestcore.formats._model import Chunk, Input, Lane, Source, first_line
-from celestcore.frames._time import DAY, tdb_minus_tt
+from celestcore.frames._time import DAY, instant, tdb_minus_tt
 from celestcore.quaternion import QuaternionLike, conjugate, continuous
 
 J2000 = "2000-01-01T12:00:00 TT"
@@ -59,7 +59,7 @@ def read(
         segments = _try(lambda: _segments(spice, str(source), found))
         has_rate = all(s["rates"] for s in segments)
         first = min(s["begin"] for s in segments)
-        start = float(np.floor(_elapsed(np.array([_et(spice, found, first)]))[0]))
+        epoch, start = _whole_second(_elapsed(np.array([_et(spice, found, first)])))
     if period is None and any(s["type"] not in _WITH_RECORDS for s in segments):
         kinds = sorted({s["type"] for s in segments})
         raise InputError(f"is needed for segments of the types {kinds}", field="period")
@@ -76,7 +76,6 @@ def read(
             if rows:
                 yield _chunk(rows, start, has_rate)
 
-    epoch = utc_strings(J2000, [start])[0]
     settings = {"log": {"epoch": epoch, "title": f"SPICE {found}"}, "frames": {"inertial": frame}}
     return Source((Lane(sensors, chunks),), settings)
 
@@ -136,6 +135,7 @@ def _segments(spice: Any, kernel: str, instrument: int) -> list[dict[str, Any]]:
                         "frame": int(numbers[1]),
                         "type": int(numbers[2]),
                         "rates": bool(numbers[3]),
+                        "words": (int(numbers[4]), int(numbers[5])),
                     }
                 )
     finally:
@@ -158,6 +158,13 @@ def _elapsed(et: FloatArray) -> FloatArray:
     return np.asarray(et - tdb_minus_tt(centuries))
 
 
+def _whole_second(elapsed: FloatArray) -> tuple[str, float]:
+    """Return the UTC second before a time, and its seconds since J2000 TT."""
+    epoch = utc_strings(J2000, elapsed)[0].partition(".")[0]
+    at, zero = instant(epoch), instant(J2000)
+    return epoch, (at.mjd - zero.mjd) * DAY + (at.seconds - zero.seconds)
+
+
 def _rows(
     spice: Any,
     kernel: str,
@@ -173,10 +180,7 @@ def _rows(
     handle = _try(lambda: spice.dafopr(kernel))
     try:
         for segment in segments:
-            count, get = _records(spice, segment["type"])
-            for k in range(1, int(_try(lambda s=segment, n=count: n(handle, s["packed"]))) + 1):
-                record = _try(lambda k=k, s=segment, g=get: g(handle, s["packed"], k))
-                ticks, q, rate = _parts(np.asarray(record), segment["type"])
+            for ticks, q, rate in _instances(spice, handle, segment):
                 et = _et(spice, instrument, ticks)
                 base = spice.frmnam(segment["frame"])
                 turn = (
@@ -193,41 +197,47 @@ def _turn(spice: Any, frame: str, base: str, et: float) -> FloatArray:
     return np.asarray(_try(lambda: spice.pxform(frame, base, et)))
 
 
-def _records(spice: Any, kind: int) -> tuple[Any, Any]:
-    return (spice.cknr01, spice.ckgr01) if kind == 1 else (spice.cknr03, spice.ckgr03)
-
-
-def _parts(record: FloatArray, kind: int) -> tuple[float, FloatArray, FloatArray]:
-    """Return clock, quaternion and rate of a record of type 1 or 3."""
-    rate = record[5:8] if len(record) >= 8 else np.full(3, np.nan)
-    return float(record[0]), record[1:5], rate
+def _instances(
+    spice: Any, handle: int, segment: dict[str, Any]
+) -> Iterator[tuple[float, FloatArray, FloatArray]]:
+    """Yield clock, quaternion and rate (NaN without) of a segment of type 1 or 3."""
+    packed, no_rate = segment["packed"], np.full(3, np.nan)
+    if segment["type"] == 3:
+        for k in range(1, int(_try(lambda: spice.cknr03(handle, packed))) + 1):
+            record = np.asarray(_try(lambda k=k: spice.ckgr03(handle, packed, k)))
+            yield float(record[0]), record[1:5], record[5:8] if segment["rates"] else no_rate
+        return
+    first, last = segment["words"]  # records, their clocks, every hundredth of these, their number
+    count = int(_try(lambda: spice.dafgda(handle, last, last))[0])
+    width = 7 if segment["rates"] else 4
+    clocks = first + count * width
+    for k in range(count):
+        at = first + k * width
+        record = np.asarray(_try(lambda at=at: spice.dafgda(handle, at, at + width - 1)))
+        ticks = float(_try(lambda k=k: spice.dafgda(handle, clocks + k, clocks + k))[0])
+        yield ticks, record[:4], record[4:] if segment["rates"] else no_rate
 
 
 def _sampled(
     spice: Any, instrument: int, segments: list[dict[str, Any]], frame: str, period: float
 ) -> Iterator[tuple[float, FloatArray, FloatArray]]:
     """Sample a kernel regularly; instants at which it has no attitude are left out."""
-    clock = _clock(instrument)
+    clock, has_rate = _clock(instrument), all(s["rates"] for s in segments)
     begin = _et(spice, instrument, segments[0]["begin"])
     end = _et(spice, instrument, max(s["end"] for s in segments))
     for k in range(int((end - begin) / period) + 1):
         et = begin + k * period
         ticks = _try(lambda et=et: spice.sce2c(clock, et))
         try:
-            matrix, rate, _ = spice.ckgpav(instrument, ticks, 0.0, frame)
+            if has_rate:
+                matrix, rate, _ = spice.ckgpav(instrument, ticks, 0.0, frame)
+            else:
+                (matrix, _), rate = spice.ckgp(instrument, ticks, 0.0, frame), np.full(3, np.nan)
         except spice.NotFoundError:
             continue
         except Exception as error:
-            if not segments[0]["rates"]:
-                matrix, rate = _without_rate(spice, instrument, ticks, frame)
-            else:
-                raise LogFormatError(f"SPICE cannot read it: {_said(error)}") from None
+            raise LogFormatError(f"SPICE cannot read it: {_said(error)}") from None
         yield et, np.asarray(matrix), np.asarray(rate)
-
-
-def _without_rate(spice: Any, instrument: int, ticks: float, frame: str) -> Any:
-    matrix, _ = _try(lambda: spice.ckgp(instrument, ticks, 0.0, frame))
-    return matrix, np.full(3, np.nan)
 
 
 def _chunk(rows: list[Any], start: float, has_rate: bool) -> Chunk:
