@@ -6,6 +6,7 @@ import io
 import itertools
 import json
 import sys
+import threading
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -226,17 +227,15 @@ def test_sensors_of_other_rates_are_not_read_further_than_needed() -> None:
 
 
 def test_leaving_a_window_loop_ends_the_thread(folder: Path) -> None:
-    import threading
-
     before = threading.active_count()
     stream = open_log(folder / "log", chunk_rows=10)
     for window in stream.windows(1.0):
         assert window.start == 0.0
         break
+    windows = stream.windows(1.0)
+    next(windows)
     stream.close()
-    import gc
-
-    gc.collect()
+    assert list(windows) == []
     assert threading.active_count() == before
 
 

@@ -92,14 +92,35 @@ def _batches(
     options = arrow_csv.ReadOptions(
         column_names=names, skip_rows=1, use_threads=False, block_size=block
     )
+    bad: list[tuple[int, int, int]] = []  # of lines with too few or many cells: row, needed, found
+    parse = arrow_csv.ParseOptions(invalid_row_handler=partial(_note, bad))
     first = 0
     try:
-        reader = arrow_csv.open_csv(stream, read_options=options, convert_options=convert)
+        reader = arrow_csv.open_csv(
+            stream, read_options=options, parse_options=parse, convert_options=convert
+        )
         for batch in reader:
-            yield {c: _cell(batch.column(c)) for c in wanted}
+            if bad and bad[0][0] <= first + batch.num_rows:
+                batch = batch.slice(0, bad[0][0] - first)
+            if batch.num_rows:
+                yield {c: _cell(batch.column(c)) for c in wanted}
             first += batch.num_rows
+            if bad and bad[0][0] == first:
+                break
     except (pa.ArrowException, ValueError) as error:
-        raise bad_csv(str(error), names) from None
+        if not bad:
+            raise bad_csv(str(error), names) from None
+    if bad:
+        row, needed, found = bad[0]
+        raise LogFormatError(
+            f"has {found} cells where {needed} are needed; was the file cut off?", row=row
+        )
+
+
+def _note(bad: list[tuple[int, int, int]], row: Any) -> str:
+    """Remember a line that has not as many cells as the header; the lines before it are kept."""
+    bad.append((row.number - 2, row.expected_columns, row.actual_columns))
+    return "skip"
 
 
 def _cell(column: Any) -> tuple[Any, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -88,10 +89,15 @@ def _chunks(source: Input, table: str, wanted: tuple[str, ...], chunk_rows: int)
 
 
 def write_hdf5(path: Path, tables: Mapping[str, Columns]) -> None:
-    """Write tables to one file; each dataset carries a check sum."""
+    """Write tables to one file; each dataset carries a check sum.
+
+    The file is made in memory: HDF5 tells of a full disk when it is too late to do something.
+    """
     h5py = require("h5py", extra="hdf5", what="writing HDF5")
-    with h5py.File(path, "w") as file:
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
         for name, columns in tables.items():
             group = file.create_group(name)
             for column, values in columns.items():
                 group.create_dataset(column, data=values, chunks=True, fletcher32=True)
+    path.write_bytes(content.getbuffer())

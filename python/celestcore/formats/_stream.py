@@ -64,6 +64,7 @@ class LogStream:
         self.reports = self._new_reports()
         self._source, self._found, self._rules = source, found, rules
         self._flows: list[Flow] = []
+        self._ahead: Ahead[Window] | None = None
 
     def _new_reports(self) -> dict[str, SensorReport]:
         return {name: SensorReport() for name in self.sensors}
@@ -119,7 +120,10 @@ class LogStream:
         length = number(seconds, "seconds", above=0.0)
         first = None if start is None else number(start, "start")
         items = windows(self._pass(), length, first, self.settings)
-        return iter(Ahead(items, ahead)) if ahead > 0 else items
+        if ahead < 1:
+            return items
+        self._ahead = Ahead(items, ahead)
+        return iter(self._ahead)
 
     def read(self) -> SensorLog:
         """Read everything into memory.
@@ -221,6 +225,9 @@ class LogStream:
         >>> import celestcore as cc
         >>> open_log(cc.sample_path("fermi")).close()
         """
+        if self._ahead is not None:
+            self._ahead.stop()
+            self._ahead = None
         for flow in self._flows:
             flow.close()
         self._flows = []

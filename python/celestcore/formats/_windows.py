@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import queue
 import threading
 from collections import deque
@@ -160,25 +159,22 @@ class Ahead(Generic[T]):
     """Runs an iterator in a thread of its own, a few items ahead of who takes them."""
 
     def __init__(self, items: Iterator[T], ahead: int) -> None:
+        self._items = items
         self._queue: queue.Queue[tuple[str, Any]] = queue.Queue(maxsize=ahead)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(items,), daemon=True)
-        self._thread.start()
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def _run(self, items: Iterator[T]) -> None:
+    def _run(self) -> None:
         try:
-            for item in items:
+            for item in self._items:
                 if not self._put(("item", item)):
                     return
             self._put(("end", None))
         except BaseException as error:  # handed to the thread that reads
             self._put(("error", error))
-        finally:
-            with contextlib.suppress(Exception):
-                getattr(items, "close", lambda: None)()
 
     def _put(self, entry: tuple[str, Any]) -> bool:
-        while not self._stop.is_set():
+        while not self._stopped.is_set():
             try:
                 self._queue.put(entry, timeout=_POLL)
             except queue.Full:
@@ -187,14 +183,23 @@ class Ahead(Generic[T]):
         return False
 
     def __iter__(self) -> Iterator[T]:
+        self._thread.start()
         try:
-            while True:
-                kind, value = self._queue.get()
+            while not self._stopped.is_set():
+                try:
+                    kind, value = self._queue.get(timeout=_POLL)
+                except queue.Empty:
+                    continue
                 if kind == "end":
                     return
                 if kind == "error":
                     raise value
                 yield value
         finally:
-            self._stop.set()
+            self.stop()
+
+    def stop(self) -> None:
+        """End the thread; nothing more is given."""
+        self._stopped.set()
+        if self._thread.is_alive():
             self._thread.join()
