@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import subprocess
 import sys
@@ -15,7 +17,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from celestcore.errors import CelestcoreWarning, InputError, LogFormatError
-from celestcore.formats import open_log
+from celestcore.formats import export, open_log
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 N = 20_000
 T = 0.01 * np.arange(N)
@@ -227,3 +231,63 @@ def test_what_was_there_stays_when_the_disk_is_full(name: str, tmp_path: Path) -
     assert "cannot be written" in said
     assert os.fspath(tmp_path / name) in said
     assert content() == before
+
+
+# ------------------------------------------------------------------ anything at all
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+
+
+def valid(kind: str, folder: Path) -> bytes:
+    """Return a small file of a format."""
+    t = np.arange(8.0)
+    q = np.tile([0.8, 0.6, 0.0, 0.0], (8, 1))
+    r = np.tile([7e6, 0.0, 0.0], (8, 1))
+    if kind == "sentinel1":
+        return (DATA / "sentinel1_annotation.xml").read_bytes()
+    path = folder / f"a.{'h5' if kind == 'hdf5' else kind}"
+    names = {"object_name": "SAT", "object_id": "2026-001A"} if kind in ("aem", "oem") else {}
+    small = cc.SensorLog(epoch="2026-01-01", star=(t, q), gnss=(t, r, 1e-3 * r))
+    export(small, path, **names)
+    return path.read_bytes()
+
+
+@pytest.mark.filterwarnings("ignore::celestcore.errors.CelestcoreWarning")
+@pytest.mark.parametrize("kind", ["npz", "csv", "hdf5", "aem", "oem", "sentinel1"])
+@settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
+@given(
+    edits=st.lists(
+        st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.binary(max_size=6)), max_size=4
+    ),
+    reorder=st.none() | st.floats(0.0, 10.0),
+)
+def test_a_file_edited_anywhere_is_read_or_an_error_of_the_family(
+    kind: str,
+    edits: list[tuple[float, bytes]],
+    reorder: float | None,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    if kind in ("aem", "oem"):
+        pytest.importorskip("ccsds_ndm")
+    if kind not in VALID:
+        VALID[kind] = valid(kind, tmp_path_factory.mktemp(kind))
+    data = bytearray(VALID[kind])
+    for share, new in edits:
+        place = int(share * len(data))
+        data[place : place + len(new)] = new
+    for damaged in ("raise", "keep"):
+        with contextlib.suppress(cc.CelestcoreError):
+            open_log(io.BytesIO(bytes(data)), format=kind, reorder=reorder, damaged=damaged).read()
+
+
+VALID: dict[str, bytes] = {}
+
+
+@pytest.mark.filterwarnings("ignore::celestcore.errors.CelestcoreWarning")
+@pytest.mark.parametrize("kind", ["npz", "csv", "hdf5", "aem", "oem", "sentinel1", "parquet"])
+@settings(deadline=None, max_examples=30)
+@given(data=st.binary(max_size=300))
+def test_bytes_that_are_no_log(kind: str, data: bytes) -> None:
+    options = {"table": "gyro"} if kind == "parquet" else {}
+    with pytest.raises(cc.CelestcoreError):
+        open_log(io.BytesIO(data), format=kind, **options).read()  # type: ignore[arg-type]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import itertools
 import re
 from collections.abc import Iterator
 from functools import partial
@@ -52,21 +55,20 @@ def _chunks(
     chunk_rows: int,
 ) -> Iterator[Chunk]:
     first, filled = 0, False
-    with opened(source) as stream:
-        for cells in _batches(stream, names, tables, dated, chunk_rows):
-            chunk: Chunk = {}
-            for table, columns in tables.items():
-                present = np.zeros(len(cells["t"][0]), dtype=bool)
-                for column, cell in columns.items():
-                    if column != "t":
-                        present |= cells[cell][1]
-                kept = np.flatnonzero(present)
-                if kept.size:
-                    chunk[table] = {c: cells[cell][0][kept] for c, cell in columns.items()}
-                    chunk[table][ROW] = kept + first
-            first += len(cells["t"][0])
-            filled |= bool(chunk)
-            yield chunk
+    for cells in _batches(source, names, tables, dated, chunk_rows):
+        chunk: Chunk = {}
+        for table, columns in tables.items():
+            present = np.zeros(len(cells["t"][0]), dtype=bool)
+            for column, cell in columns.items():
+                if column != "t":
+                    present |= cells[cell][1]
+            kept = np.flatnonzero(present)
+            if kept.size:
+                chunk[table] = {c: cells[cell][0][kept] for c, cell in columns.items()}
+                chunk[table][ROW] = kept + first
+        first += len(cells["t"][0])
+        filled |= bool(chunk)
+        yield chunk
     if not first:
         raise LogFormatError("has a header line and no rows")
     if not filled:
@@ -74,7 +76,7 @@ def _chunks(
 
 
 def _batches(
-    stream: Any,
+    source: Input,
     names: list[str],
     tables: dict[str, dict[str, str]],
     dated: bool,
@@ -89,38 +91,36 @@ def _batches(
         column_types=kinds, include_columns=wanted, null_values=NULLS, strings_can_be_null=True
     )
     block = max(_LEAST_BLOCK, chunk_rows * len(names) * _CELL)
-    options = arrow_csv.ReadOptions(
-        column_names=names, skip_rows=1, use_threads=False, block_size=block
+    options = partial(
+        arrow_csv.ReadOptions, column_names=names, use_threads=False, block_size=block
     )
-    bad: list[tuple[int, int, int]] = []  # of lines with too few or many cells: row, needed, found
-    parse = arrow_csv.ParseOptions(invalid_row_handler=partial(_note, bad))
     first = 0
     try:
-        reader = arrow_csv.open_csv(
-            stream, read_options=options, parse_options=parse, convert_options=convert
-        )
-        for batch in reader:
-            if bad and bad[0][0] <= first + batch.num_rows:
-                batch = batch.slice(0, bad[0][0] - first)
-            if batch.num_rows:
+        with opened(source) as stream:
+            reader = arrow_csv.open_csv(
+                stream, read_options=options(skip_rows=1), convert_options=convert
+            )
+            for batch in reader:
                 yield {c: _cell(batch.column(c)) for c in wanted}
-            first += batch.num_rows
-            if bad and bad[0][0] == first:
-                break
+                first += batch.num_rows
     except (pa.ArrowException, ValueError) as error:
-        if not bad:
-            raise bad_csv(str(error), names) from None
-    if bad:
-        row, needed, found = bad[0]
-        raise LogFormatError(
-            f"has {found} cells where {needed} are needed; was the file cut off?", row=row
-        )
+        fault = bad_csv(str(error), names)
+        lines = _lines(source, first, fault.row)
+        with contextlib.suppress(pa.ArrowException, ValueError):
+            if lines:
+                whole = arrow_csv.read_csv(
+                    io.BytesIO(lines), read_options=options(), convert_options=convert
+                )
+                yield {c: _cell(whole.column(c).combine_chunks()) for c in wanted}
+        raise fault from None
 
 
-def _note(bad: list[tuple[int, int, int]], row: Any) -> str:
-    """Remember a line that has not as many cells as the header; the lines before it are kept."""
-    bad.append((row.number - 2, row.expected_columns, row.actual_columns))
-    return "skip"
+def _lines(source: Input, first: int, end: int | None) -> bytes:
+    """Return the lines of some rows: those before a damaged one, in the block that it stands in."""
+    if end is None or end <= first:
+        return b""
+    with opened(source) as stream:
+        return b"".join(itertools.islice(stream, first + 1, end + 1))
 
 
 def _cell(column: Any) -> tuple[Any, Any]:
