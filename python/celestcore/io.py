@@ -27,6 +27,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from celestcore._check import warn
 from celestcore._columns import columns_from_table
 from celestcore._csv import write_csv
 from celestcore._files import replacing
@@ -52,7 +53,8 @@ def read_log(path: str | os.PathLike[str] | BinaryIO, **options: Any) -> SensorL
     path : path or binary file
         What to read; a TOML file ``log.toml`` (directory) or of the same name (file) is read too.
     **options
-        As `celestcore.formats.open_log` takes them, such as ``format=`` and ``reorder=``.
+        As `celestcore.formats.open_log` takes them, such as ``format=`` and ``reorder=``. A warning
+        says how many rows were left out.
 
     Returns
     -------
@@ -77,7 +79,13 @@ def read_log(path: str | os.PathLike[str] | BinaryIO, **options: Any) -> SensorL
     SensorLog('two samples', 1 s: gyro 2 rows)
     """
     with open_log(path, **options) as stream:
-        return stream.read()
+        log = stream.read()
+    for name, report in stream.reports.items():
+        left_out = {k: n for k, n in report.troubles.items() if k not in ("reordered", "wraps")}
+        if left_out:
+            counts = ", ".join(f"{n} {k}" for k, n in left_out.items())
+            warn(f"{name}: of {report.rows} rows these were not in order: {counts}")
+    return log
 
 
 def write_log(log: SensorLog, path: str | os.PathLike[str]) -> None:

@@ -344,6 +344,36 @@ def test_disorder_is_put_right_and_reported(tmp_path: Path) -> None:
     assert stream.reports["gyro"].troubles == {"reordered": 1, "late": 1, "repeated": 1}
 
 
+def test_read_log_warns_of_rows_left_out(tmp_path: Path) -> None:
+    pq.write_table(gyro_table([0, 2, 1, 3, 3, 9, 4, 10]), tmp_path / "gyro.parquet")
+    with pytest.warns(CelestcoreWarning, match="gyro: of 8 rows .*: 1 late, 1 repeated$"):
+        assert len(cc.read_log(tmp_path, reorder=2.0)) == 6
+
+
+@pytest.mark.parametrize("start", [-1.0, 0.0, 99.95, 500.0, 799.9, 1e4])
+@pytest.mark.parametrize("reorder", [None, 1.0])
+def test_a_late_start_does_not_read_what_is_before(
+    start: float, reorder: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gyro").mkdir()
+    t = np.arange(8000) * 0.1
+    for k in range(2):
+        part = gyro_table(t[4000 * k : 4000 * (k + 1)])
+        pq.write_table(part, tmp_path / "gyro" / f"{k}.parquet", row_group_size=500)
+    stream = open_log(tmp_path, chunk_rows=100, reorder=reorder)
+    found = list(stream.windows(30.0, start=start))
+    got = np.concatenate([w.tables["gyro"]["t"] for w in found]) if found else np.empty(0)
+    assert np.array_equal(got, t[t >= start])
+    assert stream.reports["gyro"].rows <= np.sum(t >= start) + 500
+    damaged = tmp_path / "gyro" / "1.parquet"
+    pq.write_table(
+        gyro_table(np.where(t == t[7000], np.nan, t)[4000:]), damaged, row_group_size=500
+    )
+    if start == 500.0 and reorder is None:
+        with pytest.raises(InputError, match=r"gyro.t, row 7000, value nan"):
+            list(stream.windows(30.0, start=start))
+
+
 def test_a_log_whose_clock_jumped_is_split(tmp_path: Path) -> None:
     pq.write_table(
         gyro_table([*range(10), *range(1000, 1010), *range(5, 15)]), tmp_path / "gyro.parquet"

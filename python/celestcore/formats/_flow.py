@@ -32,9 +32,14 @@ class Flow:
     """A pass over one lane; `pull` until it returns None."""
 
     def __init__(
-        self, lane: Lane, rules: Rules, name: str, reports: dict[str, SensorReport]
+        self,
+        lane: Lane,
+        rules: Rules,
+        name: str,
+        reports: dict[str, SensorReport],
+        start: float | None = None,
     ) -> None:
-        self.lane, self.rules, self.name = lane, rules, name
+        self.lane, self.rules, self.name, self.start = lane, rules, name, start
         self._chunks: Iterator[Chunk] | None = None
         self._horizon = -np.inf
         self.damage: str | None = None
@@ -58,7 +63,7 @@ class Flow:
         """Return the next rows of some sensors, None at the end."""
         with faults(self.name):
             if self._chunks is None:
-                self._chunks = self.lane.read(self.rules.chunk_rows)
+                self._chunks = self._begin()
             try:
                 chunk = next(self._chunks, None)
             except LogFormatError as error:
@@ -70,6 +75,13 @@ class Flow:
             if chunk is None:
                 return self._finish()
             return self._feed(chunk)
+
+    def _begin(self) -> Iterator[Chunk]:
+        rows, lane = self.rules.chunk_rows, self.lane
+        plain = not any(self.rules.stamps.get(n, Stamps()) != Stamps() for n in lane.sensors)
+        if self.start is None or lane.read_from is None or not plain or self.rules.ranges:
+            return lane.read(rows)
+        return lane.read_from(rows, self.start)
 
     def _feed(self, chunk: Chunk) -> dict[str, list[Columns]]:
         out = {name: self.lines[name].feed(columns) for name, columns in chunk.items()}

@@ -39,6 +39,10 @@ class Lane:
         in the order of the file, of about so many rows at most. It may be called again.
     skew : float
         By how much [s] the times of the lane's sensors may be apart at one place of the file.
+    read_from : callable, optional
+        ``read_from(chunk_rows, start)`` as `read`, but it may leave out stretches of the file that
+        lie before `start` [s since the epoch] altogether. It is used where times need no
+        conversion.
 
     Examples
     --------
@@ -52,6 +56,7 @@ class Lane:
     sensors: Mapping[str, tuple[str, ...]]
     read: Callable[[int], Iterator[Chunk]]
     skew: float = 0.0
+    read_from: Callable[[int, float], Iterator[Chunk]] | None = None
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from celestcore._columns import groups_present, schema_of
 from celestcore._optional import require
 from celestcore._tables import table_kind
 from celestcore.errors import InputError, LogFormatError
-from celestcore.formats._model import Chunk, Columns, Input, Lane, Source, first_line, warn_ignored
+from celestcore.formats._model import (
+    ROW,
+    Chunk,
+    Columns,
+    Input,
+    Lane,
+    Source,
+    first_line,
+    warn_ignored,
+)
 
 _BUFFER = 1 << 20
 _PARTITION = ("sensor", "table")
@@ -49,7 +60,8 @@ def _source(tables: dict[str, list[Any]]) -> Source:
     lanes, calendar = [], []
     for name, files in tables.items():
         columns, dated = _columns(name, files[0])
-        lanes.append(Lane({name: columns}, partial(_chunks, name, files, columns)))
+        read_all = partial(_chunks, name, files, columns)
+        lanes.append(Lane({name: columns}, read_all, read_from=None if dated else read_all))
         calendar += [name] if dated else []
     return Source(tuple(lanes), calendar=tuple(calendar))
 
@@ -104,13 +116,18 @@ def _in_order(files: list[Any]) -> list[Any]:
 
 def _first_time(file: Any) -> Any:
     with _open(file) as opened:
-        names = opened.schema_arrow.names
-        if "t" not in names:
-            return None
-        groups = [opened.metadata.row_group(g) for g in range(opened.num_row_groups)]
-        found = [g.column(names.index("t")).statistics for g in groups]
-        known = [s.min for s in found if s is not None and s.has_min_max]
+        known = [limits[0] for limits in _limits(opened) if limits is not None]
         return min(known, default=None)
+
+
+def _limits(opened: Any) -> list[tuple[Any, Any] | None]:
+    """Return the first and last time of each row group, None where the file does not say."""
+    names = opened.schema_arrow.names
+    if "t" not in names:
+        return [None] * opened.num_row_groups
+    groups = [opened.metadata.row_group(g) for g in range(opened.num_row_groups)]
+    found = [g.column(names.index("t")).statistics for g in groups]
+    return [(s.min, s.max) if s is not None and s.has_min_max else None for s in found]
 
 
 @contextmanager
@@ -158,22 +175,58 @@ def _columns(table: str, file: Any) -> tuple[tuple[str, ...], bool]:
 
 
 def _chunks(
-    table: str, files: list[Any], columns: tuple[str, ...], chunk_rows: int
+    table: str,
+    files: list[Any],
+    columns: tuple[str, ...],
+    chunk_rows: int,
+    start: float | None = None,
 ) -> Iterator[Chunk]:
+    row = 0
     for file in files:
         with _open(file) as opened:
             if file is not files[0]:
-                groups_present(table, list(opened.schema_arrow.names))
-                missing = [c for c in columns if c not in opened.schema_arrow.names]
-                if missing:
-                    raise LogFormatError(
-                        f"has no {', '.join(missing)}, as {files[0]} has", field=table
-                    )
-            for batch in opened.iter_batches(
-                batch_size=chunk_rows, columns=list(columns), use_threads=False
-            ):
-                batch.validate(full=True)
-                yield {table: _numpy(batch, columns)}
+                _check_like(opened, table, columns, files[0])
+            for groups, rows in _runs(opened, start):
+                if groups:
+                    for batch in opened.iter_batches(
+                        batch_size=chunk_rows,
+                        row_groups=groups,
+                        columns=list(columns),
+                        use_threads=False,
+                    ):
+                        batch.validate(full=True)
+                        chunk = _numpy(batch, columns)
+                        if start is not None:
+                            chunk[ROW] = np.arange(row, row + batch.num_rows)
+                        row += batch.num_rows
+                        yield {table: chunk}
+                else:
+                    row += rows
+
+
+def _runs(opened: Any, start: float | None) -> list[tuple[list[int], int]]:
+    """Return runs of row groups to be read, and numbers of rows before `start` to be left out."""
+    every = list(range(opened.num_row_groups))
+    if start is None:
+        return [(every, 0)]
+    runs: list[tuple[list[int], int]] = []
+    for group, limits in zip(every, _limits(opened), strict=True):
+        rows = opened.metadata.row_group(group).num_rows
+        if limits is not None and limits[1] < start:
+            runs.append(([], rows))
+        elif runs and runs[-1][0]:
+            runs[-1][0].append(group)
+        else:
+            runs.append(([group], 0))
+    return runs
+
+
+def _check_like(opened: Any, table: str, columns: tuple[str, ...], first: Any) -> None:
+    found = list(opened.schema_arrow.names)
+    groups_present(table, found)
+    missing = [c for c in columns if c not in found]
+    if missing:
+        raise LogFormatError(f"has no {', '.join(missing)}, as {first} has", field=table)
 
 
 def _numpy(batch: Any, columns: tuple[str, ...]) -> Columns:

@@ -69,10 +69,11 @@ class LogStream:
     def _new_reports(self) -> dict[str, SensorReport]:
         return {name: SensorReport() for name in self.sensors}
 
-    def _pass(self) -> list[Flow]:
+    def _pass(self, start: float | None = None) -> list[Flow]:
         self.close()
         self.reports = self._new_reports()
-        self._flows = [Flow(a, self._rules, self.name, self.reports) for a in self._source.lanes]
+        given = (self._rules, self.name, self.reports, start)
+        self._flows = [Flow(lane, *given) for lane in self._source.lanes]
         return self._flows
 
     def __iter__(self) -> Iterator[tuple[str, Columns]]:
@@ -95,8 +96,8 @@ class LogStream:
         seconds : float
             Length of a window.
         start : float, optional
-            Where the first window begins; rows before it are left out. Without it windows begin at
-            whole multiples of `seconds`.
+            Where the first window begins; rows before it are left out, by Parquet mostly without
+            reading them. Without it windows begin at whole multiples of `seconds`.
         ahead : int
             How many windows are read in advance by a thread, while others are used; 0 for none.
 
@@ -119,7 +120,7 @@ class LogStream:
         """
         length = number(seconds, "seconds", above=0.0)
         first = None if start is None else number(start, "start")
-        items = windows(self._pass(), length, first, self.settings)
+        items = windows(self._pass(first), length, first, self.settings)
         if ahead < 1:
             return items
         self._ahead = Ahead(items, ahead)
