@@ -143,13 +143,8 @@ def _segments(spice: Any, kernel: str, instrument: int) -> list[dict[str, Any]]:
     return sorted(out, key=lambda s: float(s["begin"]))
 
 
-def _clock(instrument: int) -> int:
-    """Return the spacecraft whose clock an instrument's times are of, as SPICE has it."""
-    return int(-((-instrument) // 1000)) if instrument <= -1000 else instrument
-
-
 def _et(spice: Any, instrument: int, ticks: float) -> float:
-    return float(_try(lambda: spice.sct2e(_clock(instrument), ticks)))
+    return float(_try(lambda: spice.sct2e(spice.ckmeta(instrument, "SCLK"), ticks)))
 
 
 def _elapsed(et: FloatArray) -> FloatArray:
@@ -222,7 +217,7 @@ def _sampled(
     spice: Any, instrument: int, segments: list[dict[str, Any]], frame: str, period: float
 ) -> Iterator[tuple[float, FloatArray, FloatArray]]:
     """Sample a kernel regularly; instants at which it has no attitude are left out."""
-    clock, has_rate = _clock(instrument), all(s["rates"] for s in segments)
+    clock, has_rate = spice.ckmeta(instrument, "SCLK"), all(s["rates"] for s in segments)
     begin = _et(spice, instrument, segments[0]["begin"])
     end = _et(spice, instrument, max(s["end"] for s in segments))
     for k in range(int((end - begin) / period) + 1):
