@@ -192,7 +192,6 @@ def _chunks(
                         batch_size=chunk_rows,
                         row_groups=groups,
                         columns=list(columns),
-                        use_threads=False,
                     ):
                         batch.validate(full=True)
                         chunk = _numpy(batch, columns)
