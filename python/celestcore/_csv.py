@@ -40,7 +40,10 @@ def header(stream: BinaryIO, name: str) -> list[str]:
         raise LogFormatError("is no text file in UTF-8") from None
     if not text:
         raise LogFormatError("is empty" if size == 0 else "has no header line with column names")
-    names = [name.strip() for name in next(csv.reader([text], skipinitialspace=True))]
+    try:
+        names = [name.strip() for name in next(csv.reader([text], skipinitialspace=True))]
+    except csv.Error as error:
+        raise LogFormatError(f"has no header line that can be read ({error})") from None
     if not complete:
         warn(f"{name}: the last line has no end; if the file was cut off, drop that line")
     twice = sorted({name for name in names if names.count(name) > 1})

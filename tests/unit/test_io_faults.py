@@ -176,6 +176,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], type[InputError], list[str]]] = 
     "blank csv": (csv_file("\n\n"), LogFormatError, ["no header"]),
     "header only": (csv_file(HEAD), LogFormatError, ["no rows"]),
     "binary csv": (csv_file(bytes(range(128, 256)) + b"\n"), LogFormatError, ["UTF-8"]),
+    "csv of old Macs": (csv_file("t,wx,wy,wz\r0,0,0,0\r"), LogFormatError, ["no header line"]),
     "csv column": (csv_file("t,wx,wz\n0,0,0\n"), LogFormatError, ["wy missing; found: t, wx, wz"]),
     "csv without time": (csv_file("wx,wy,wz\n0,0,0\n"), LogFormatError, ["column t missing"]),
     "csv others": (csv_file("a,b\n0,0\n"), LogFormatError, ["no columns of a log", "found: a, b"]),
