@@ -29,6 +29,7 @@ from celestcore import (
     ccsds,
     celestial,
     elements,
+    formats,
     frames,
     gnss,
     orbit,
@@ -67,6 +68,7 @@ from celestcore.filters import (
     LiteralUKF,
     ScoreEKF,
 )
+from celestcore.formats import LogStream, Stamps, open_log
 from celestcore.gnss import GnssReceiver, GnssStarNavigator, GnssStarSolution, LowFrequencyError
 from celestcore.io import read_log, write_log
 from celestcore.log import SensorLog
@@ -98,6 +100,7 @@ __all__ = [
     "IteratedEKF",
     "LiteralUKF",
     "LogFormatError",
+    "LogStream",
     "LowFrequencyError",
     "MissingDependencyError",
     "MonteCarlo",
@@ -107,6 +110,7 @@ __all__ = [
     "SensorLog",
     "Settings",
     "Solution",
+    "Stamps",
     "StarCamera",
     "StarCatalogue",
     "StarGyroNavigator",
@@ -121,9 +125,11 @@ __all__ = [
     "ccsds",
     "celestial",
     "elements",
+    "formats",
     "frames",
     "gnss",
     "monte_carlo",
+    "open_log",
     "orbit",
     "quaternion",
     "read_log",

@@ -167,6 +167,21 @@ def info(
     _show_info(Console(highlight=False, markup=False), content)
 
 
+@app.command(epilog="Example: celestcore formats --json -")
+def formats(
+    json_file: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option("--json", metavar="FILE", help="Write it as JSON; - for standard output."),
+    ] = None,
+) -> None:
+    """Say which formats of logs are read and written, and what to install for them."""
+    from celestcore.formats._listing import show, write
+
+    write(json_file)
+    if json_file != cli.STDOUT:
+        show(Console(highlight=False, markup=False))
+
+
 published = typer.Typer(
     help="Run published experiments again.", no_args_is_help=True, rich_markup_mode=None
 )

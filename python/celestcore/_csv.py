@@ -6,81 +6,53 @@ import csv
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from celestcore._check import FloatArray, IntArray, warn
+from celestcore._check import warn
 from celestcore._columns import SCHEMAS, groups_present, is_column
 from celestcore._optional import require
 from celestcore._tables import table_kind
 from celestcore.errors import LogFormatError
 
 Columns = dict[str, Any]
-_BLANK = ["", "NA", "N/A", "null", "NULL"]
+NULLS = ["", "NA", "N/A", "null", "NULL"]
 _PLAIN = {c: table for table in ("gyro", "star") for c in SCHEMAS[table].columns() if c != "t"}
 
 
-def read_csv(source: Path) -> tuple[dict[str, Columns], dict[str, IntArray]]:
-    """Read a CSV log.
-
-    Returns
-    -------
-    tables : dict of dict
-        The columns of each table, without the rows where all of its columns are blank.
-    rows : dict of ndarray
-        The rows of the file, counted from 0 below the header, of each table.
+def header(stream: BinaryIO, name: str) -> list[str]:
+    """Return the names of the columns; warn if the last line has no end.
 
     Raises
     ------
     LogFormatError
-        If it cannot be read or columns are missing; lists what was found.
+        If there is no header line, or it names a column twice.
     """
-    header = _header(source)
-    tables, ignored = _assign(header)
-    columns = {c for cells in tables.values() for c in cells.values()}
-    data = _read(source, header, columns)
-    if ignored:
-        warn(f"{source.name}: ignored what is no column of a log: {', '.join(ignored)}")
-    out: dict[str, Columns] = {}
-    rows: dict[str, IntArray] = {}
-    for table, cells in tables.items():
-        present = np.zeros(len(data["t"][0]), dtype=bool)
-        for column, cell in cells.items():
-            if column != "t":
-                present |= data[cell][1]
-        kept = np.flatnonzero(present)
-        if kept.size or not present.size:
-            rows[table] = kept
-            out[table] = {c: data[cell][0][kept] for c, cell in cells.items()}
-    if not out:
-        raise LogFormatError("all cells of all sensors are blank")
-    return out, rows
-
-
-def _header(source: Path) -> list[str]:
-    with source.open("rb") as stream:
-        line = stream.readline()
-        stream.seek(0, 2)
-        size = stream.tell()
-        stream.seek(max(size - 1, 0))
-        complete = stream.read(1) in (b"\n", b"\r")
+    line = stream.readline()
+    stream.seek(0, 2)
+    size = stream.tell()
+    stream.seek(max(size - 1, 0))
+    complete = stream.read(1) in (b"\n", b"\r")
     try:
         text = line.decode("utf-8-sig").strip()
     except UnicodeDecodeError:
         raise LogFormatError("is no text file in UTF-8") from None
     if not text:
         raise LogFormatError("is empty" if size == 0 else "has no header line with column names")
-    names = [name.strip() for name in next(csv.reader([text], skipinitialspace=True))]
+    try:
+        names = [name.strip() for name in next(csv.reader([text], skipinitialspace=True))]
+    except csv.Error as error:
+        raise LogFormatError(f"has no header line that can be read ({error})") from None
     if not complete:
-        warn(f"{source.name}: the last line has no end; if the file was cut off, drop that line")
+        warn(f"{name}: the last line has no end; if the file was cut off, drop that line")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise LogFormatError(f"has several columns named {', '.join(twice)}")
     return names
 
 
-def _assign(header: list[str]) -> tuple[dict[str, dict[str, str]], list[str]]:
+def assign(header: list[str]) -> tuple[dict[str, dict[str, str]], list[str]]:
     """Say which cell of the file holds which column of which table, and what is ignored."""
     tables: dict[str, dict[str, str]] = {}
     ignored = []
@@ -112,32 +84,7 @@ def _assign(header: list[str]) -> tuple[dict[str, dict[str, str]], list[str]]:
     return tables, ignored
 
 
-def _read(
-    source: Path, header: list[str], columns: set[str]
-) -> dict[str, tuple[FloatArray, np.ndarray[Any, np.dtype[np.bool_]]]]:
-    """Return each column's values, NaN where blank, and where it is not blank."""
-    arrow_csv = require("pyarrow.csv", extra="parquet", what="reading CSV")
-    pa = require("pyarrow", extra="parquet", what="reading CSV")
-    convert = arrow_csv.ConvertOptions(
-        column_types=dict.fromkeys(columns, pa.float64()),
-        include_columns=sorted(columns),
-        null_values=_BLANK,
-        strings_can_be_null=True,
-    )
-    read = arrow_csv.ReadOptions(column_names=header, skip_rows=1, use_threads=False)
-    try:
-        table = arrow_csv.read_csv(source, read_options=read, convert_options=convert)
-    except (pa.ArrowException, ValueError) as error:
-        raise _bad_csv(str(error), header) from None
-    if not table.num_rows:
-        raise LogFormatError("has a header line and no rows")
-    return {
-        name: (table.column(name).to_numpy(), table.column(name).is_valid().to_numpy())
-        for name in table.column_names
-    }
-
-
-def _bad_csv(reason: str, header: list[str]) -> LogFormatError:
+def bad_csv(reason: str, header: list[str]) -> LogFormatError:
     """Turn pyarrow's message into one that names the column, the row and the value."""
     reason = reason.strip().splitlines()[0]
     column = re.search(r"CSV column #(\d+)", reason)

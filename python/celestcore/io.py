@@ -1,4 +1,4 @@
-"""Read and write logs: a directory of Parquet files, one NPZ, or one CSV.
+"""Read and write logs: a directory of Parquet files, one NPZ, CSV or HDF5.
 
 ==============  ================================================================================
 ``NAME/``       ``gyro.parquet``, ``star.parquet``, ``star_1.parquet``, ``vector_NAME.parquet``,
@@ -6,12 +6,13 @@
 ``NAME.npz``    keys ``gyro_t``, ``gyro_wx`` ..., ``star_t``, ``star_qw`` ...; ``NAME.toml``
 ``NAME.csv``    one time column ``t``, then ``wx`` ... and ``qw`` ..., or prefixed as in NPZ; blank:
                 that sensor has no sample at that time; ``NAME.toml``
+``NAME.h5``     groups ``gyro``, ``star`` ..., in each a dataset per column; ``NAME.toml``
 ==============  ================================================================================
 
 Columns: gyro ``wx wy wz`` rad/s; star ``qw qx qy qz`` and, optionally, ``sx sy sz`` rad or
 ``cxx cxy cxz cyy cyz czz`` rad^2; vector ``bx by bz ix iy iz`` and, optionally, ``sigma`` rad; gnss
 ``x y z`` m and, optionally, ``vx vy vz`` m/s; baselines ``x1 y1 z1 x2 y2 z2`` ... m; every table
-``t`` s. The TOML file is optional.
+``t`` s. The TOML file is optional. `read_log` also takes what `celestcore.formats` lists.
 """
 
 from __future__ import annotations
@@ -20,37 +21,40 @@ import copy
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from celestcore._check import warn
-from celestcore._columns import columns_from_table, groups_present, parts_from_columns, schema_of
-from celestcore._csv import read_csv, write_csv
+from celestcore._columns import columns_from_table
+from celestcore._csv import write_csv
 from celestcore._files import replacing
 from celestcore._optional import require
 from celestcore._tables import table_kind
-from celestcore._toml import dump_toml, load_toml
-from celestcore.config import Settings
-from celestcore.errors import InputError, LogFormatError
+from celestcore._toml import dump_toml
+from celestcore.errors import LogFormatError
+from celestcore.formats._hdf5 import write_hdf5
+from celestcore.formats._stream import open_log
 from celestcore.log import SensorLog
 
 __all__ = ["read_log", "write_log"]
 
-_SUFFIXES = (".npz", ".csv")
+_SUFFIXES = (".npz", ".csv", ".h5", ".hdf5")
 Columns = dict[str, Any]
 
 
-def read_log(path: str | os.PathLike[str]) -> SensorLog:
-    """Read a log: a directory of Parquet files, a ``.npz`` or a ``.csv``.
+def read_log(path: str | os.PathLike[str] | BinaryIO, **options: Any) -> SensorLog:
+    """Read a log into memory: a directory of Parquet files, ``.npz``, ``.csv`` or another format.
 
     Parameters
     ----------
-    path : path
+    path : path or binary file
         What to read; a TOML file ``log.toml`` (directory) or of the same name (file) is read too.
+    **options
+        As `celestcore.formats.open_log` takes them, such as ``format=`` and ``reorder=``. A warning
+        says how many rows were left out.
 
     Returns
     -------
@@ -63,7 +67,7 @@ def read_log(path: str | os.PathLike[str]) -> SensorLog:
     InputError
         If a value is wrong; names the file, the field, the row (of the file's data) and the value.
     MissingDependencyError
-        If Parquet or CSV is read without pyarrow.
+        If the package that the format needs is not installed.
 
     Examples
     --------
@@ -74,25 +78,14 @@ def read_log(path: str | os.PathLike[str]) -> SensorLog:
     ...     read_log(folder + "/two.npz")
     SensorLog('two samples', 1 s: gyro 2 rows)
     """
-    source = Path(path)
-    kind = _kind(source)
-    if not source.exists():
-        raise LogFormatError("there is no such file or directory", source=str(source))
-    try:
-        rows: dict[str, Any] = {}
-        if kind == "":
-            tables = _read_directory(source)
-        elif kind == ".npz":
-            tables = _read_npz(source)
-        else:
-            tables, rows = read_csv(source)
-        return _build(source, tables, rows)
-    except InputError as error:
-        raise (error if error.source else error.located(str(source))) from None
-    except OSError as error:
-        raise LogFormatError(
-            f"cannot be read: {error.strerror or error}", source=str(source)
-        ) from error
+    with open_log(path, **options) as stream:
+        log = stream.read()
+    for name, report in stream.reports.items():
+        left_out = {k: n for k, n in report.troubles.items() if k not in ("reordered", "wraps")}
+        if left_out:
+            counts = ", ".join(f"{n} {k}" for k, n in left_out.items())
+            warn(f"{name}: of {report.rows} rows these were not in order: {counts}")
+    return log
 
 
 def write_log(log: SensorLog, path: str | os.PathLike[str]) -> None:
@@ -106,7 +99,8 @@ def write_log(log: SensorLog, path: str | os.PathLike[str]) -> None:
     log : SensorLog
         The log.
     path : path
-        ``NAME.npz``, ``NAME.csv`` or a directory; settings go to a TOML file beside or in it.
+        ``NAME.npz``, ``NAME.csv``, ``NAME.h5`` or a directory; settings go to a TOML file beside
+        or in it.
 
     Raises
     ------
@@ -136,8 +130,10 @@ def write_log(log: SensorLog, path: str | os.PathLike[str]) -> None:
         with replacing(target) as temporary:
             if kind == ".npz":
                 _write_npz(temporary, tables)
-            else:
+            elif kind == ".csv":
                 write_csv(temporary, tables)
+            else:
+                write_hdf5(temporary, tables)
             _write_toml(target.with_suffix(".toml"), document)
     except OSError as error:
         raise LogFormatError(
@@ -154,30 +150,10 @@ def _kind(path: Path) -> str:
         return suffix
     hint = "; for Parquet give the directory that holds gyro.parquet, star.parquet ..."
     raise LogFormatError(
-        "is no kind of log; known are NAME.npz, NAME.csv and a directory of Parquet files"
-        + (hint if suffix in (".parquet", ".toml") else ""),
+        "is no kind of log to write; known are NAME.npz, NAME.csv, NAME.h5 and a directory of "
+        "Parquet files" + (hint if suffix in (".parquet", ".toml") else ""),
         source=str(path),
     )
-
-
-def _build(source: Path, tables: Mapping[str, Columns], rows: Mapping[str, Any]) -> SensorLog:
-    """Make the log; a row in an error becomes the row in the file."""
-    sidecar = source / "log.toml" if source.is_dir() else source.with_suffix(".toml")
-    settings = load_toml(sidecar) if sidecar.is_file() else {}
-    try:
-        Settings.from_dict(settings)
-    except InputError as error:
-        raise error.located(str(sidecar)) from None
-    parts: dict[str, Any] = {
-        name: parts_from_columns(name, columns) for name, columns in tables.items()
-    }
-    try:
-        return SensorLog(settings=settings, **parts)
-    except InputError as error:
-        table = (error.field or "").partition(".")[0]
-        if table in rows and error.row is not None:
-            error.row = int(rows[table][error.row])
-        raise
 
 
 def _document(log: SensorLog) -> dict[str, Any]:
@@ -197,51 +173,6 @@ def _write_toml(path: Path, document: Mapping[str, Any]) -> None:
             temporary.write_text(text, encoding="utf-8")
     else:
         path.unlink(missing_ok=True)
-
-
-def _read_directory(source: Path) -> dict[str, Columns]:
-    files = sorted(source.glob("*.parquet"))
-    if not files:
-        found = ", ".join(sorted(p.name for p in source.iterdir())[:20]) or "nothing"
-        raise LogFormatError(f"the directory holds no .parquet files; found: {found}")
-    known = [file for file in files if table_kind(file.stem) is not None]
-    if not known:
-        schema_of(files[0].stem)
-    tables = {file.stem: _read_parquet(file) for file in known}
-    _warn_ignored(source.name, [file.name for file in files if file not in known], "table")
-    return tables
-
-
-def _read_parquet(file: Path) -> Columns:
-    pq = require("pyarrow.parquet", extra="parquet", what="reading Parquet")
-    try:
-        with pq.ParquetFile(file, page_checksum_verification=True) as opened:
-            found = list(opened.schema_arrow.names)
-            groups = groups_present(file.stem, found)
-            wanted = ["t", *(c for g in groups if g for c in g)]
-            _warn_ignored(file.name, [c for c in found if c not in wanted])
-            table = opened.read(columns=wanted)
-            table.validate(full=True)
-        return {name: _from_arrow(table.column(name), file.stem, name) for name in wanted}
-    except InputError as error:
-        raise (error if error.source else error.located(str(file))) from None
-    except Exception as error:  # a damaged file can raise nearly anything in pyarrow
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-        raise LogFormatError(
-            f"cannot be read as Parquet, it may be truncated ({reason})", source=str(file)
-        ) from None
-
-
-def _from_arrow(column: Any, table: str, name: str) -> Any:
-    values = column.to_numpy()
-    if values.dtype.kind not in "fiu" and column.null_count < len(column):
-        raise LogFormatError(f"holds {column.type}, not numbers", field=f"{table}.{name}")
-    return values
-
-
-def _warn_ignored(file: str, names: list[str], what: str = "column") -> None:
-    if names:
-        warn(f"{file}: ignored what is no {what} of a log: {', '.join(names)}")
 
 
 def _write_directory(
@@ -286,42 +217,3 @@ def _write_npz(path: Path, tables: Mapping[str, Columns]) -> None:
     arrays = {f"{n}_{c}": v for n, columns in tables.items() for c, v in columns.items()}
     with path.open("wb") as stream:
         np.savez(stream, **arrays)
-
-
-def _read_npz(source: Path) -> dict[str, Columns]:
-    def load(action: Callable[[], Any]) -> Any:
-        try:
-            return action()
-        except Exception as error:  # a damaged file can raise nearly anything in zipfile and numpy
-            reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-            if "pickle" in reason.lower():
-                reason = "it is no NPZ file, or holds Python objects instead of numbers"
-            raise LogFormatError(f"cannot be read as NPZ, it may be truncated ({reason})") from None
-
-    with source.open("rb") as stream:
-        opened = load(lambda: np.load(stream, allow_pickle=False))
-        if not isinstance(opened, np.lib.npyio.NpzFile):
-            raise LogFormatError("holds one bare array; a log is an .npz file with named arrays")
-        found = list(opened.files)
-        tables = _npz_tables(found)
-        ignored = [k for k in found if k.rpartition("_")[0] not in tables]
-        out: dict[str, Columns] = {}
-        for table in tables:
-            columns = [k.rpartition("_")[2] for k in found if k.rpartition("_")[0] == table]
-            groups = groups_present(table, columns, listed=found)
-            wanted = ["t", *(c for g in groups if g for c in g)]
-            ignored += [f"{table}_{c}" for c in columns if c not in wanted]
-            out[table] = {c: load(partial(opened.__getitem__, f"{table}_{c}")) for c in wanted}
-    _warn_ignored(source.name, ignored)
-    return out
-
-
-def _npz_tables(found: list[str]) -> list[str]:
-    prefixes = dict.fromkeys(key.rpartition("_")[0] for key in found)
-    tables = [p for p in prefixes if table_kind(p) is not None]
-    if not tables:
-        raise LogFormatError(
-            "holds no table of a log; needed are keys such as gyro_t, gyro_wx, star_t, star_qw; "
-            f"found: {', '.join(found) or 'nothing'}"
-        )
-    return tables

@@ -77,7 +77,8 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], type[InputError], list[str]]] = 
     "no directory": (lambda d: d / "missing", LogFormatError, ["no such file"]),
     "other ending": (raw_file("a.txt", b"1"), LogFormatError, ["known are NAME.npz"]),
     "no ending": (raw_file("log", b"1"), LogFormatError, ["known are NAME.npz"]),
-    "single parquet": (raw_file("gyro.parquet", b"1"), LogFormatError, ["give the directory"]),
+    "single parquet": (raw_file("mine.parquet", b"1"), LogFormatError, ["give the directory"]),
+    "damaged parquet": (raw_file("gyro.parquet", b"1"), LogFormatError, ["cannot be read"]),
     # npz
     "empty npz": (raw_file("a.npz", b""), LogFormatError, ["cannot be read as NPZ"]),
     "text npz": (raw_file("a.npz", b"t,wx"), LogFormatError, ["no NPZ file"]),
@@ -140,9 +141,9 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], type[InputError], list[str]]] = 
         ["gyro.wx", "string"],
     ),
     "parquet dates": (
-        parquet_dir("gyro", **{**GYRO, "t": np.array([0, 1], dtype="M8[s]")}),
+        parquet_dir("gyro", **{**GYRO, "wx": np.array([0, 1], dtype="M8[s]")}),
         LogFormatError,
-        ["gyro.t", "timestamp"],
+        ["gyro.wx", "timestamp"],
     ),
     "parquet nested": (
         parquet_dir("gyro", **{**GYRO, "wx": [[0.0], [1.0]]}),
@@ -175,6 +176,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], type[InputError], list[str]]] = 
     "blank csv": (csv_file("\n\n"), LogFormatError, ["no header"]),
     "header only": (csv_file(HEAD), LogFormatError, ["no rows"]),
     "binary csv": (csv_file(bytes(range(128, 256)) + b"\n"), LogFormatError, ["UTF-8"]),
+    "csv of old Macs": (csv_file("t,wx,wy,wz\r0,0,0,0\r"), LogFormatError, ["no header line"]),
     "csv column": (csv_file("t,wx,wz\n0,0,0\n"), LogFormatError, ["wy missing; found: t, wx, wz"]),
     "csv without time": (csv_file("wx,wy,wz\n0,0,0\n"), LogFormatError, ["column t missing"]),
     "csv others": (csv_file("a,b\n0,0\n"), LogFormatError, ["no columns of a log", "found: a, b"]),
