@@ -103,6 +103,27 @@ def replay(
         Optional[Path],  # noqa: UP045
         typer.Option("--output", "-o", metavar="OUT.parquet", help="Solution; GNSS: .npz, .csv."),
     ] = None,
+    parts: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            "--parts",
+            metavar="DIR",
+            help="For logs of any length: window by window, results in parts in a folder.",
+        ),
+    ] = None,
+    checkpoint: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option("--checkpoint", metavar="FILE", help="With --parts: remember how far it is."),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="With --checkpoint: go on to the same bits.")
+    ] = False,
+    window: Annotated[
+        float, typer.Option("--window", metavar="S", help="With --parts: length of a window in s.")
+    ] = 3600.0,
+    every: Annotated[
+        int, typer.Option("--every", metavar="N", help="With --parts: a row every N samples.")
+    ] = 1,
     report: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option("--report", metavar="OUT.html|.png", help="Write a report with pictures."),
@@ -113,6 +134,18 @@ def replay(
     ] = None,
 ) -> None:
     """Estimate attitude and gyro bias, or orbit and attitude, over a whole log."""
+    if parts is not None or checkpoint is not None or resume:
+        from celestcore._parts_command import replay_parts
+
+        others: dict[str, object] = {"--output": output, "--report": report, "--withhold": withhold}
+        others |= {"--period": period, "--sample": sample}
+        replay_parts(
+            (log, parts, checkpoint),
+            {"resume": resume, "window": window, "every": every, "smooth": smooth},
+            {"config": config, "filter": kind, "gate": gate, "json": json_file},
+            others,
+        )
+        return
     request = cli.Replay(
         log, sample, kind, config, gate, period, withhold, output, report, json_file, smooth
     )

@@ -13,9 +13,14 @@ import celestcore as cc
 import numpy as np
 import pytest
 from celestcore import replay
-from celestcore.replay._windows import Splicer, windows_of
+from celestcore.replay._source import stretches
+from celestcore.replay._windows import Splicer
 
 pytest.importorskip("pyarrow")
+
+
+def windows_of(log, seconds):
+    return [window.tables for window in stretches(log, seconds, -np.inf)]
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,6 @@ import numpy as np
 from celestcore._files import replacing
 from celestcore._optional import require
 from celestcore.errors import InputError, LogFormatError
-from celestcore.io import write_log
 from celestcore.log import SensorLog
 
 _ENDINGS = {
@@ -75,6 +74,8 @@ def export(
         known = ", ".join(e for e in _ENDINGS if e)
         raise InputError(f"must end in one of {known}, or format= say it", field="path", value=path)
     if isinstance(item, SensorLog) and kind in _LOGS:
+        from celestcore.io import write_log  # which writes HDF5 by this package
+
         write_log(item, target)
         return
     try:

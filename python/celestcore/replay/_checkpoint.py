@@ -30,8 +30,8 @@ class Checkpoint:
     ----------
     job : str
         Digest of the navigator, the options and the log: another job does not go on from it.
-    windows : int
-        Windows of the log that have been read.
+    upto : float
+        The last window that was read: where it ends [s], or its place.
     parts : int
         Parts of the output that are complete.
     state : dict or None
@@ -41,12 +41,12 @@ class Checkpoint:
 
     Examples
     --------
-    >>> Checkpoint("digest", 3, 3, None, {"rows": 10}).parts
+    >>> Checkpoint("digest", 180.0, 3, None, {"rows": 10}).parts
     3
     """
 
     job: str
-    windows: int
+    upto: float
     parts: int
     state: dict[str, Any] | None
     counts: dict[str, Any]
@@ -70,9 +70,9 @@ class Checkpoint:
         --------
         >>> from tempfile import TemporaryDirectory
         >>> with TemporaryDirectory() as folder:
-        ...     Checkpoint("digest", 1, 1, None, {}).write(f"{folder}/c.json")
-        ...     read_checkpoint(f"{folder}/c.json").windows
-        1
+        ...     Checkpoint("digest", 60.0, 1, None, {}).write(f"{folder}/c.json")
+        ...     read_checkpoint(f"{folder}/c.json").upto
+        60.0
         """
         payload = json.dumps(_plain(asdict(self)), sort_keys=True)
         text = json.dumps(
@@ -102,10 +102,10 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
 
     Examples
     --------
-    >>> read_checkpoint("nowhere.json")
+    >>> read_checkpoint("nowhere.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     ...
-    celestcore.errors.InputError: checkpoint, value nowhere.json: there is no such file...
+    celestcore.errors.InputError: checkpoint, value 'nowhere.json': there is no such file...
     """
     try:
         text = Path(path).read_text(encoding="utf-8")

@@ -101,7 +101,7 @@ def read(folder: str | os.PathLike[str]) -> dict[str, dict[str, Any]]:
     >>> read("nowhere")
     Traceback (most recent call last):
     ...
-    celestcore.errors.InputError: out, value nowhere: holds no replay
+    celestcore.errors.InputError: out, value 'nowhere': holds no replay
     """
     parquet = require("pyarrow.parquet", extra="parquet", what="reading a replay's parts")
     root = Path(folder)

@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,15 @@ from celestcore._arguments import checked, count
 from celestcore._check import number, warn
 from celestcore._files import replacing
 from celestcore.errors import InputError
+from celestcore.formats import LogStream
+from celestcore.formats._windows import Ahead
 from celestcore.log import SensorLog
 from celestcore.navigator import StarGyroNavigator
 from celestcore.replay._checkpoint import Checkpoint, read_checkpoint, write_through
 from celestcore.replay._filter import Forward
 from celestcore.replay._parts import Parts
-from celestcore.replay._windows import Ahead, Splicer, Tables, windows_of
+from celestcore.replay._source import Stretch, Tables, epoch_of, stretches
+from celestcore.replay._windows import Splicer
 from celestcore.solution import package_version
 
 __all__ = ["Summary", "run"]
@@ -71,7 +74,7 @@ class Summary:
 
 
 def run(
-    source: SensorLog | Iterable[Tables],
+    source: SensorLog | LogStream | Iterable[Tables],
     navigator: StarGyroNavigator,
     out: str | os.PathLike[str],
     *,
@@ -91,17 +94,17 @@ def run(
 
     Parameters
     ----------
-    source : SensorLog or iterable of windows
-        A log; or windows of one in order of time, each a mapping from table names to what
-        `SensorLog` takes, for example ``{"gyro": (t, rate), "star": (t, q)}``. Windows do not
-        overlap; a sensor may be absent from one.
+    source : SensorLog, LogStream or iterable of windows
+        A log; a stream of a file by `celestcore.formats.open_log`; or windows in order of time,
+        each a mapping from table names to what `SensorLog` takes, for example ``{"gyro": (t,
+        rate), "star": (t, q)}``. Windows do not overlap; a sensor may be absent from one.
     navigator : StarGyroNavigator
         The filter.
     out : path
         A folder for the results: tables ``rows``, ``measurements`` and ``health`` as Parquet
         datasets, and ``summary.json`` at the end.
     window : float
-        Length of a window of a `SensorLog` [s].
+        Length of a window of a log or stream [s].
     every : int
         One output row every so many gyro samples.
     innovations : {"full", "nis", "none"}
@@ -163,18 +166,17 @@ def run(
         "max_rejected": None if max_rejected is None else count(max_rejected, "max_rejected"),
     }
     seconds = number(window, "window", above=0.0)
-    if isinstance(source, SensorLog):
-        epoch = source.epoch
+    if isinstance(source, SensorLog | LogStream):
         options["window"] = seconds
-        windows: Iterable[Tables] = windows_of(source, seconds)
-    else:
-        windows = source
     if resume and checkpoint is None:
         raise InputError("is needed to resume", field="checkpoint")
-    job = _Job(navigator, options, epoch, Path(out))
-    return job.run(
-        windows, (checkpoint, number(interval, "interval", at_least=0.0)), resume, progress
-    )
+    job = _Job(navigator, options, epoch_of(source, epoch), Path(out))
+    memory = (checkpoint, number(interval, "interval", at_least=0.0))
+
+    def windows(reached: float) -> Iterator[Stretch]:
+        return stretches(source, seconds, reached)
+
+    return job.run(windows, memory, resume, progress)
 
 
 class _Job:
@@ -192,7 +194,7 @@ class _Job:
 
     def run(
         self,
-        windows: Iterable[Tables],
+        windows: Callable[[float], Iterator[Stretch]],
         memory: tuple[Any, float],
         resume: bool,
         progress: Progress | None,
@@ -209,22 +211,18 @@ class _Job:
             forward.restore(known.state)
             splicer.reached = forward.reached
             splicer.late = dict(summary.late)
-        ahead = Ahead(windows)
         written = time.monotonic()
-        try:
-            for index, window in enumerate(ahead):
-                if known is not None and index < known.windows:
-                    splicer.skip(window)
-                    continue
-                splicer.push(window)
-                summary.windows = index + 1
-                self._step(splicer, forward, summary, last=False, progress=progress)
-                if path is not None and time.monotonic() - written >= interval:
-                    self._checkpoint(path, splicer, forward, summary)
-                    written = time.monotonic()
-            self._step(splicer, forward, summary, last=True, progress=progress)
-        finally:
-            ahead.close()
+        for window in Ahead(windows(splicer.reached), 1):
+            if known is not None and window.known <= known.upto:
+                splicer.skip(window.tables)
+                continue
+            splicer.push(window.tables)
+            summary.windows += 1
+            self._step(splicer, forward, summary, last=False, progress=progress)
+            if path is not None and time.monotonic() - written >= interval:
+                self._checkpoint(path, window.known, splicer, forward, summary)
+                written = time.monotonic()
+        self._step(splicer, forward, summary, last=True, progress=progress)
         summary.elapsed_s = time.perf_counter() - began
         self._finish(splicer, summary)
         return summary
@@ -243,13 +241,15 @@ class _Job:
             )
         return known
 
-    def _checkpoint(self, path: Any, splicer: Splicer, forward: Forward, summary: Summary) -> None:
+    def _checkpoint(
+        self, path: Any, upto: float, splicer: Splicer, forward: Forward, summary: Summary
+    ) -> None:
         summary.late = dict(splicer.late)
         counts = dataclasses.asdict(summary)
         state = forward.state
         Checkpoint(
             self.digest,
-            summary.windows,
+            upto,
             summary.parts,
             None if state is None else forward.kept(),
             counts,

@@ -2,34 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from queue import Queue
-from threading import Event, Thread
 from typing import Any
 
 import numpy as np
 
-from celestcore._check import FloatArray
-from celestcore._tables import parts_of
 from celestcore.log import SensorLog
-
-Tables = Mapping[str, tuple[Any, ...]]
-
-
-def windows_of(log: SensorLog, seconds: float) -> Iterator[Tables]:
-    """Yield a log that is in memory window by window."""
-    begin, end = log.span
-    parts = {name: parts_of(table) for name, table in log.tables.items()}
-    count = int((end - begin) // seconds) + 1
-    edges = begin + seconds * np.arange(1, count + 1)
-    before = dict.fromkeys(parts, 0)
-    for edge in edges:
-        window = {}
-        for name, columns in parts.items():
-            after = int(np.searchsorted(columns[0], edge))
-            window[name] = tuple(column[before[name] : after] for column in columns)
-            before[name] = after
-        yield window
+from celestcore.replay._source import Tables
 
 
 class Piece:
@@ -115,51 +93,3 @@ def _joined(parts: list[tuple[Any, ...]]) -> tuple[Any, ...]:
     if len(parts) == 1:
         return parts[0]
     return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
-
-
-class Ahead:
-    """Reads the next window while the last one is used."""
-
-    def __init__(self, windows: Iterable[Tables]) -> None:
-        self._queue: Queue[tuple[str, Any]] = Queue(maxsize=1)
-        self._stop = Event()
-        self._thread = Thread(target=self._read, args=(iter(windows),), daemon=True)
-        self._thread.start()
-
-    def _put(self, item: tuple[str, Any]) -> bool:
-        while not self._stop.is_set():
-            try:
-                self._queue.put(item, timeout=0.1)
-            except Exception:
-                continue
-            return True
-        return False
-
-    def _read(self, windows: Iterator[Tables]) -> None:
-        try:
-            for window in windows:
-                if not self._put(("window", window)):
-                    return
-            self._put(("end", None))
-        except BaseException as error:
-            self._put(("error", error))
-
-    def __iter__(self) -> Iterator[Tables]:
-        while True:
-            kind, item = self._queue.get()
-            if kind == "end":
-                return
-            if kind == "error":
-                raise item
-            yield item
-
-    def close(self) -> None:
-        """Stop reading."""
-        self._stop.set()
-        self._thread.join(timeout=5.0)
-
-
-def span_of(log: SensorLog) -> FloatArray:
-    """Return the gyro's times of a piece."""
-    assert log.gyro is not None
-    return log.gyro.t

@@ -1,0 +1,63 @@
+"""Where windows come from: a log in memory, a stream of a file, or any iterable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from celestcore._columns import parts_from_columns
+from celestcore._tables import parts_of
+from celestcore.errors import InputError
+from celestcore.formats import LogStream
+from celestcore.log import SensorLog
+
+Tables = Mapping[str, tuple[Any, ...]]
+
+
+class Stretch(NamedTuple):
+    """The rows of a window, and a number by which it is known: where it ends, or its place."""
+
+    known: float
+    tables: Tables
+
+
+def stretches(source: Any, seconds: float, reached: float) -> Iterator[Stretch]:
+    """Yield the windows of a source; what ends before time `reached` may be left out."""
+    if isinstance(source, SensorLog):
+        return _of_log(source, seconds)
+    if isinstance(source, LogStream):
+        return _of_stream(source, seconds, reached)
+    if isinstance(source, Iterable):
+        return (Stretch(float(k), tables) for k, tables in enumerate(source))
+    raise InputError(
+        "must be a SensorLog, a LogStream or windows of one", field="source", value=type(source)
+    )
+
+
+def epoch_of(source: Any, epoch: Any) -> Any:
+    """Return where the times of a source count from."""
+    return source.epoch if isinstance(source, SensorLog | LogStream) else epoch
+
+
+def _of_log(log: SensorLog, seconds: float) -> Iterator[Stretch]:
+    begin, end = log.span
+    parts = {name: parts_of(table) for name, table in log.tables.items()}
+    before = dict.fromkeys(parts, 0)
+    for k in range(int((end - begin) // seconds) + 1):
+        edge = begin + seconds * (k + 1)
+        window = {}
+        for name, columns in parts.items():
+            after = int(np.searchsorted(columns[0], edge))
+            window[name] = tuple(column[before[name] : after] for column in columns)
+            before[name] = after
+        yield Stretch(edge, window)
+
+
+def _of_stream(stream: LogStream, seconds: float, reached: float) -> Iterator[Stretch]:
+    # windows stand at whole multiples of their length: from one of them on they are the same
+    start = None if not np.isfinite(reached) else np.floor(reached / seconds) * seconds
+    for window in stream.windows(seconds, start=start, ahead=0):
+        tables = {name: parts_from_columns(name, c) for name, c in window.tables.items()}
+        yield Stretch(window.stop, tables)
