@@ -120,7 +120,7 @@ def replay(
     ] = False,
     window: Annotated[
         float, typer.Option("--window", metavar="S", help="With --parts: length of a window in s.")
-    ] = 3600.0,
+    ] = 10800.0,
     every: Annotated[
         int, typer.Option("--every", metavar="N", help="With --parts: a row every N samples.")
     ] = 1,

@@ -26,6 +26,7 @@ class Parts:
         self._arrow = require("pyarrow", extra="parquet", what="writing a replay's parts")
         self._parquet = require("pyarrow.parquet", extra="parquet", what="writing parts")
         self.folder = Path(folder)
+        self._unsynced: list[Path] = []
         self._note = {b"celestcore": json.dumps(note).encode()}
 
     def begin(self, complete: int) -> None:
@@ -67,12 +68,19 @@ class Parts:
             made = self._arrow.table(dict(columns)).replace_schema_metadata(self._note)
             with replacing(path) as temporary:
                 self._parquet.write_table(made, temporary, compression="zstd")
-                handle = os.open(temporary, os.O_RDONLY)
-                try:
-                    os.fsync(handle)
-                finally:
-                    os.close(handle)
-            sync_folder(path.parent)
+            self._unsynced.append(path)
+
+    def sync(self) -> None:
+        """Wait until the disk has all parts: a checkpoint must not know more than it."""
+        for path in self._unsynced:
+            handle = os.open(path, os.O_RDONLY)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+        for folder in {path.parent for path in self._unsynced}:
+            sync_folder(folder)
+        self._unsynced.clear()
 
 
 def read(folder: str | os.PathLike[str]) -> dict[str, dict[str, Any]]:

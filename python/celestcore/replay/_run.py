@@ -244,6 +244,7 @@ class _Job:
     def _checkpoint(
         self, path: Any, upto: float, splicer: Splicer, forward: Forward, summary: Summary
     ) -> None:
+        self.parts.sync()
         summary.late = dict(splicer.late)
         counts = dataclasses.asdict(summary)
         state = forward.state
@@ -285,6 +286,7 @@ class _Job:
             progress(forward.reached)
 
     def _finish(self, splicer: Splicer, summary: Summary) -> None:
+        self.parts.sync()
         summary.late = dict(splicer.late)
         text = json.dumps({**self.note, **dataclasses.asdict(summary)}, indent=1)
         with replacing(self.out / "summary.json") as temporary:
