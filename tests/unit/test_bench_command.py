@@ -179,7 +179,9 @@ def test_batches_are_measured_where_there_are_any(
     """With solutions that tell the time of the whole batch, or their share of it."""
     told: list[float] = []
 
-    def run_many(nav: Any, logs: list[Any], *, every: int, threads: int) -> list[Any]:
+    def run_many(
+        nav: Any, logs: list[Any], *, every: int, threads: int, innovations: str
+    ) -> list[Any]:
         assert threads == 1
         found = [nav.run(log, every=every) for log in logs]
         told[:] = [sum(one.elapsed_s for one in found)]
