@@ -9,6 +9,8 @@ from typing_extensions import Self, disjoint_base
 
 __all__ = [
     "AttitudeStream",
+    "GnssAttitude",
+    "GnssOrbit",
     "OrbitStream",
     "RefractionTable",
     "Update",
@@ -25,6 +27,7 @@ __all__ = [
     "celestial_simulate",
     "chi2_cdf",
     "chi2_quantile",
+    "gnss_axis",
     "longest_step",
     "monte_carlo",
     "orbit_acceleration",
