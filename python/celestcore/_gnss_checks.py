@@ -16,6 +16,8 @@ from celestcore.frames._rotation import EARTH_RATE
 
 INSIDE = 6.3e6
 """Geocentric radius [m] below which nothing can be: the poles are at 6.357e6."""
+FARTHEST = 1e6
+"""Radius [km] beyond which no satellite of the Earth is: more than that is not in kilometres."""
 PLACES = 500
 """Places of a log that are looked at, at most."""
 FEWEST = 3
@@ -39,7 +41,7 @@ def check_positions(r: FloatArray, name: str, rows: IntArray | None) -> None:
     k = int(np.argmax(bad))
     row = k if rows is None else int(rows[k])
     typical = typical_size(radius)
-    if INSIDE * 1e-3 <= typical < INSIDE:
+    if INSIDE * 1e-3 <= typical < FARTHEST:
         raise InputError(
             f"is {radius[k]:.4g} m from the Earth's centre, and half of the fixes are not farther "
             f"than {typical:.4g} m: positions are in metres; multiply kilometres by celestcore.KM",

@@ -100,6 +100,13 @@ def test_kilometres() -> None:
         SensorLog(gnss=(t, r, v * 1e-3))
 
 
+def test_a_whole_orbit_inside_the_earth_is_not_in_kilometres() -> None:
+    t, _, _, r, _ = flown("leo", 10.0, 121)
+    with pytest.raises(cc.InputError, match=r"row 0, value .*lies inside the Earth") as caught:
+        SensorLog(gnss=(t, 0.5 * r))
+    assert "KM" not in str(caught.value)
+
+
 def test_inside_the_earth() -> None:
     t, _, _, r, v = flown("leo", 10.0, 121)
     bad = r.copy()
