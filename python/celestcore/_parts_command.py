@@ -81,10 +81,10 @@ class Parts:
         if summary.late:
             lost = ", ".join(f"{n:,} of {name}" for name, n in summary.late.items())
             out.append(f"too late for their time and left out: {lost}")
-        per = summary.samples / summary.elapsed_s if summary.elapsed_s > 0.0 else 0.0
-        out.append(f"{summary.elapsed_s:.1f} s, {per:,.0f} gyro samples/s of both runs together")
-        if not summary.resumed:
-            out[-1] = f"{summary.elapsed_s:.1f} s, {per:,.0f} gyro samples/s"
+        # after a stop the counts are of all runs together, the time of the last one alone
+        timed = not summary.resumed and summary.elapsed_s > 0.0
+        speed = f", {summary.samples / summary.elapsed_s:,.0f} gyro samples/s" if timed else ""
+        out.append(f"{summary.elapsed_s:.1f} s{speed}")
         return out
 
     def write(self, summary: Summary) -> None:

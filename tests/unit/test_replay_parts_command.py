@@ -48,7 +48,7 @@ def test_a_file_is_replayed_in_parts(log, tmp_path, capsys):
     assert "43,195 gyro samples" in capsys.readouterr().out
 
 
-def test_a_stopped_command_goes_on(log, tmp_path):
+def test_a_stopped_command_goes_on(log, tmp_path, capsys):
     settings = cc.Settings.from_log(cc.sample("fermi"))
     parts = ["--every", 60, "--window", 3600]
     whole = tmp_path / "whole"
@@ -78,6 +78,10 @@ def test_a_stopped_command_goes_on(log, tmp_path):
         )
         == 0
     )
+    said = capsys.readouterr().out
+    first, last = said.split("went on from the checkpoint")
+    assert "samples/s" in first
+    assert "samples/s" not in last  # of which run would it be?
     one, two = replay.read(whole), replay.read(tmp_path / "out")
     for table in ("rows", "measurements"):
         for name, column in one[table].items():
