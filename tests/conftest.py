@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import celestcore
@@ -16,6 +17,9 @@ MARKS = {
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # in the background of a shell Ctrl-C is ignored, by what is started here too: tests that send
+    # it would wait for ever
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     for name, meaning in MARKS.items():
         config.addinivalue_line("markers", f"{name}: {meaning}")
 
