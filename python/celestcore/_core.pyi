@@ -64,6 +64,7 @@ _Snapshot = tuple[
     tuple[float, Sequence[float]] | None,
     int,
     _Array,
+    Sequence[float],
 ]
 
 __version__: str
@@ -237,15 +238,19 @@ class AttitudeStream:
         every: int | None,
         covariance: bool,
     ) -> dict[str, Any] | None: ...
-    def update_star(self, t: float, q: Sequence[float], noise: Sequence[float]) -> Update: ...
+    def update_star(
+        self, t: float, q: Sequence[float], noise: Sequence[float], sensor: int = 0
+    ) -> Update: ...
     def update_vector(
         self,
         t: float,
         body: Sequence[float],
         inertial: Sequence[float],
         sigma: float,
+        sensor: int = 0,
     ) -> Update: ...
     def _smoothed(self) -> tuple[_Array, _Array, _Array, _Array]: ...
+    def _noise_scale(self) -> list[float]: ...
     def _snapshot(self) -> _Snapshot: ...
     def _restore(self, parts: Any) -> None: ...
 

@@ -55,6 +55,9 @@ def navigator(settings: Settings, *, gyro: bool) -> GnssStarNavigator:
             "[gnss]",
             field="gnss.sigma",
         )
+    for name in ("huber", "student_t", "adaptive"):
+        if name in tables.get("gate", {}):
+            raise InputError("goes with a gyro and star cameras alone", field=f"gate.{name}")
     stars = settings.stars()
     single = not stars or list(stars) == ["star"]
     probability = settings.gate()

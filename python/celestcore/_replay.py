@@ -37,6 +37,7 @@ START: dict[str, Any] = {
     "bias0": (0.0, 0.0, 0.0),
     "sigma0": None,
     "covariance0": None,
+    "noise_scale0": None,
 }
 OUTPUT: dict[str, Any] = {
     "every": 1,
@@ -112,9 +113,22 @@ def prepare(
         "covariance": bool(o["covariance"]),
         "innovations": o["innovations"],
         "portable": bool(o["portable"]),
+        "noise_scale": _scales(nav, names, o["noise_scale0"]),
         "progress": o["progress"],
     }
     return call, names
+
+
+def _scales(
+    nav: StarGyroNavigator, names: list[str], given: Mapping[str, float] | None
+) -> list[float]:
+    """Return what each sensor's noise is multiplied by at the start, nothing if it is not found."""
+    if given is not None and nav.adaptive is None:
+        raise InputError("goes with StarGyroNavigator(adaptive=...)", field="noise_scale0")
+    known = {} if given is None else dict(given)
+    for name, value in known.items():
+        known[name] = number(value, f"noise_scale0[{name!r}]", above=0.0)
+    return [] if nav.adaptive is None else [known.get(name, 1.0) for name in names]
 
 
 def _sensors(nav: StarGyroNavigator, log: SensorLog) -> tuple[list[str], list[tuple[Any, ...]]]:
@@ -192,6 +206,7 @@ def finish(
         innovation = innovation_sigma = np.broadcast_to(np.nan, (measurements, 3))
     start_fix = out["start_fix"] is not None
     p_final = out["final_covariance"]
+    scales = dict(zip(names, out["noise_scale"], strict=True)) if nav.adaptive is not None else None
     fixes = sum(len(table) for table in (*log.stars.values(), *log.vectors.values()))
     return Solution(
         **{name: out[name] for name in ("t", "q", "rate", "bias", "sigma", "measurement_t")},
@@ -221,6 +236,7 @@ def finish(
             "bias": out["final_bias"],
             "sigma": np.sqrt(np.diag(p_final)),
             "covariance": p_final,
+            **({} if scales is None else {"noise_scale": scales}),
         },
         frames=log.frames,
         log_likelihood=float(out["log_likelihood"]),

@@ -35,7 +35,7 @@ KEYS: dict[str, dict[str, str]] = {
     | dict.fromkeys(("period", "fading_sigma", "fading_sigma_arcsec", "fading_tau"), "number"),
     "filter": dict.fromkeys(("alpha", "beta", "kappa"), "number")
     | {"kind": "text", "integrator": "text"},
-    "gate": {"probability": "number"},
+    "gate": dict.fromkeys(("probability", "huber", "student_t", "adaptive"), "number"),
     "start": dict.fromkeys(("sigma_attitude", "sigma_attitude_arcsec", "sigma_bias"), "number"),
 }
 _UNITS = {"_arcsec": ARCSEC, "_deg": DEG}

@@ -183,4 +183,4 @@ def _corrected(
         corrected = quaternion.multiply(quaternion.exp(turn), mounting)
         turned = dataclasses.replace(own, mounting=corrected)
         star = {name: nav._camera(name) for name in cameras} | {camera: turned}
-    return type(nav)(nav.filter, gyro, star, nav.vector, gate=nav.gate)
+    return nav._like(gyro=gyro, star=star)

@@ -11,7 +11,7 @@ table                 keys
 ``[vector_NAME]``     sigma [rad] or sigma_deg or sigma_arcsec; mounting, frame
 ``[filter]``          kind (ekf, ukf, srukf, iterated, invariant, literal), integrator;
                       alpha, beta, kappa (ukf, srukf, literal)
-``[gate]``            probability
+``[gate]``            probability, huber, student_t, adaptive: how far fixes are believed
 ``[start]``           sigma_attitude [rad] or sigma_attitude_arcsec; sigma_bias [rad/s]
 ``[gnss]``            sigma [m], sigma_velocity [m/s], lever_arm [m], time_offset [s],
                       bias_sigma [m], bias_tau [s], max_rejected
@@ -47,6 +47,9 @@ if TYPE_CHECKING:
     from celestcore.navigator import StarGyroNavigator
 
 __all__ = ["FRAMES", "Settings"]
+
+WEIGHTS = ("huber", "student_t", "adaptive")
+"""Keys of ``[gate]`` beside its probability, as a `StarGyroNavigator` takes them."""
 
 
 @dataclass(frozen=True)
@@ -338,6 +341,7 @@ max_gap=None, gap_rate_sigma=0.001)
             star=stars.get("star", StarCamera()) if single else stars,
             vector=self.vectors() or None,
             gate=self.gate(),
+            **{name: self.tables.get("gate", {}).get(name) for name in WEIGHTS},
         )
 
     def gnss_navigator(self, *, gyro: bool = False) -> GnssStarNavigator:
@@ -384,4 +388,7 @@ max_gap=None, gap_rate_sigma=0.001)
                 field="gate.probability",
                 value=probability,
             )
+        for name in WEIGHTS:
+            if name in self.tables.get("gate", {}):
+                number(self.tables["gate"][name], f"gate.{name}", above=0.0)
         check_filter(self.tables.get("filter", {}))

@@ -56,6 +56,25 @@ class StarGyroNavigator:
     gate : float, optional
         Probability with which a good measurement passes the chi-square gate, for example 0.9999.
         None: every measurement is used.
+    huber : float, optional
+        Beyond so many standard deviations a measurement moves the state no farther than there: 1.5
+        loses 4 % of the information of good measurements, 3 next to nothing. Within the gate, if
+        there is one.
+    student_t : float, optional
+        Instead of `huber`: weights of a Student distribution with so many degrees of freedom, for
+        example 4; the farther off a measurement, the less it moves the state.
+    adaptive : float, optional
+        Find each sensor's noise while the filter runs, as a factor of its variance, from about so
+        many measurements, for example 300; see ``final["noise_scale"]`` of a solution.
+
+    Notes
+    -----
+    A doubtful measurement counts with a weight w: its innovation's covariance S as S / w. With m
+    degrees of freedom and d^2 the NIS, Huber's weight is min(1, k / d), where k is chosen for m
+    to be as probable as `huber` for one, Student's min(1, (nu + m) / (nu + d^2)) (Masreliez 1975;
+    Chang 2014). Adaptation climbs the likelihood of the innovations, each cut off where 99 % of
+    good ones end, gate or not. The NIS and innovations in a solution are those of the measurement
+    as it came, with the noise found so far. Not with `IteratedEKF`.
 
     Raises
     ------
@@ -84,6 +103,9 @@ class StarGyroNavigator:
         vector: VectorSensor | Mapping[str, VectorSensor] | None = None,
         *,
         gate: float | None = None,
+        huber: float | None = None,
+        student_t: float | None = None,
+        adaptive: float | None = None,
     ) -> None:
         if gyro is None:
             raise InputError("is needed: Gyro(arw=..., rrw=...)", field="gyro")
@@ -102,12 +124,19 @@ class StarGyroNavigator:
             raise InputError(
                 "is a probability, for example 0.9999; 1 accepts all", field="gate", value=gate
             )
+        self.huber = None if huber is None else number(huber, "huber", above=0.0)
+        self.student_t = None if student_t is None else number(student_t, "student_t", above=0.0)
+        self.adaptive = None if adaptive is None else number(adaptive, "adaptive", above=0.0)
+        self._check_weights()
         self._check_frames()
 
     def __repr__(self) -> str:
+        more = "".join(
+            f", {name}={value}" for name, value in self._weights().items() if value is not None
+        )
         return (
             f"StarGyroNavigator({self.filter!r}, {self.gyro!r}, {self.star!r}, {self.vector!r}, "
-            f"gate={self.gate})"
+            f"gate={self.gate}{more})"
         )
 
     def run(
@@ -119,6 +148,7 @@ class StarGyroNavigator:
         bias0: ArrayLike = (0.0, 0.0, 0.0),
         sigma0: Sigma0 | None = None,
         covariance0: ArrayLike | None = None,
+        noise_scale0: Mapping[str, float] | None = None,
         every: int = 1,
         period: float | None = None,
         covariance: bool = False,
@@ -145,6 +175,9 @@ class StarGyroNavigator:
         covariance0 : array_like (6, 6), optional
             Full covariance of the start with `q0`, instead of `sigma0`; for going on from the
             ``final`` of another solution.
+        noise_scale0 : dict of str to float, optional
+            With an adaptive navigator: what the variance of each sensor's noise is multiplied by
+            at the start, as ``final["noise_scale"]`` of another solution; by default 1.
         every : int
             One output row every so many gyro samples.
         period : float, optional
@@ -195,6 +228,7 @@ class StarGyroNavigator:
             "bias0": bias0,
             "sigma0": sigma0,
             "covariance0": covariance0,
+            "noise_scale0": noise_scale0,
             "every": every,
             "period": period,
             "covariance": covariance,
@@ -462,7 +496,30 @@ class StarGyroNavigator:
             "max_gap": max_gap,
             "gap_rate_sigma": self.gyro.gap_rate_sigma,
             "gate": 1.0 if self.gate is None else self.gate,
+            "robust": self._robust(),
+            "adaptive": self.adaptive,
         }
+
+    def _robust(self) -> tuple[str, float]:
+        if self.huber is not None:
+            return "huber", self.huber
+        return ("full", 0.0) if self.student_t is None else ("student_t", self.student_t)
+
+    def _weights(self) -> dict[str, float | None]:
+        """Return how doubtful measurements are weighed, as arguments."""
+        return {"huber": self.huber, "student_t": self.student_t, "adaptive": self.adaptive}
+
+    def _like(self, **changes: Any) -> StarGyroNavigator:
+        """Return a navigator with some arguments changed."""
+        own = {"filter": self.filter, "gyro": self.gyro, "star": self.star, "vector": self.vector}
+        return type(self)(**{**own, "gate": self.gate, **self._weights(), **changes})
+
+    def _check_weights(self) -> None:
+        if self.huber is not None and self.student_t is not None:
+            raise InputError("give huber or student_t, not both", field="huber", value=self.huber)
+        for name, value in self._weights().items():
+            if value is not None and isinstance(self.filter, IteratedEKF):
+                raise InputError("does not go with IteratedEKF", field=name, value=value)
 
     def _check_frames(self) -> None:
         """All sensors must lead to the same body frame."""

@@ -135,7 +135,8 @@ class Solution:
     elapsed_s : float
         Time the core took, s.
     final : dict
-        State at the end of the log: t, q, bias, sigma, covariance.
+        State at the end of the log: t, q, bias, sigma, covariance; noise_scale, what the variance
+        of each sensor's noise is multiplied by, if the navigator is adaptive.
     frames : dict of str to str
         Names of the inertial and the body frame.
     smoothed : bool

@@ -47,6 +47,8 @@ class StarGyroState(_core.AttitudeStream):
         1-sigma of the error state [rad], [rad/s].
     covariance : ndarray (6, 6)
         Covariance of the error state.
+    noise_scale : dict of str to float
+        What each sensor's noise (variance) is multiplied by, if the navigator is adaptive.
     lag : float or None
         How far `smoothed` goes back [s].
 
@@ -63,6 +65,8 @@ class StarGyroState(_core.AttitudeStream):
 
     navigator: StarGyroNavigator
     lag: float | None
+    _numbers: dict[str, int]
+    """Sensors in order of their first measurement: the core knows numbers."""
 
     def __new__(
         cls,
@@ -91,6 +95,7 @@ class StarGyroState(_core.AttitudeStream):
         )
         self.navigator = navigator
         self.lag = lag
+        self._numbers = {}
         return self
 
     @overload
@@ -239,7 +244,8 @@ class StarGyroState(_core.AttitudeStream):
             full = array(covariance, "covariance", (3, 3))[None]
             full = covariances(full, "covariance", 1, one=True)
         q_ib, noise = own.to_body(np.reshape(one_quaternion(q, "q"), (1, 4)), each, full)
-        return self.update_star(number(t, "t"), q_ib[0].tolist(), noise[0].tolist())
+        seen = self._number(camera)
+        return self.update_star(number(t, "t"), q_ib[0].tolist(), noise[0].tolist(), seen)
 
     def update_direction(
         self,
@@ -294,7 +300,14 @@ class StarGyroState(_core.AttitudeStream):
         b = plain.to_body(directions(array(body, "body", (3,))[None], "body"))[0]
         i = directions(array(inertial, "inertial", (3,))[None], "inertial")[0]
         i /= np.linalg.norm(i)
-        return self.update_vector(number(t, "t"), b.tolist(), i.tolist(), noise)
+        seen = self._number(f"vector_{sensor or ''}")
+        return self.update_vector(number(t, "t"), b.tolist(), i.tolist(), noise, seen)
+
+    def _number(self, name: str) -> int:
+        """Return a sensor's number; all are one where their noise is not found."""
+        if self.navigator.adaptive is None:
+            return 0
+        return self._numbers.setdefault(name, len(self._numbers))
 
     def smoothed(self) -> StateAt:
         """Return the states of the last `lag` seconds, each knowing all measurements up to now.
@@ -338,6 +351,11 @@ class StarGyroState(_core.AttitudeStream):
         rate[:-1] = past[:, 2:5] - bias[:-1]
         sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         return StateAt(t=t, q=q, rate=rate, bias=bias, sigma=sigma, covariance=covariance)
+
+    @property
+    def noise_scale(self) -> dict[str, float]:
+        """What each sensor's variance is multiplied by, as far as an adaptive navigator knows."""
+        return {name: self._noise_scale()[number] for name, number in self._numbers.items()}
 
     @property
     def sigma(self) -> FloatArray:

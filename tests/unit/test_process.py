@@ -44,9 +44,18 @@ def samples(n: int, seed: int = 0) -> tuple[Array, Array]:
 
 
 def everything(state: StarGyroState) -> tuple[Any, ...]:
-    t, q, bias, matrix, last, steps, past = state._snapshot()
+    t, q, bias, matrix, last, steps, past, scale = state._snapshot()
     latest = None if last is None else (last[0], tuple(last[1]))
-    return (t, tuple(q), tuple(bias), np.asarray(matrix).tobytes(), latest, steps, past.tobytes())
+    return (
+        t,
+        tuple(q),
+        tuple(bias),
+        np.asarray(matrix).tobytes(),
+        latest,
+        steps,
+        past.tobytes(),
+        *scale,
+    )
 
 
 # the same as predict, and as a run

@@ -237,10 +237,7 @@ def _grid(navigator: StarGyroNavigator, plain: Array, window: float) -> Any:
 
 
 def _with_noise(navigator: StarGyroNavigator, arw: float, rrw: float) -> StarGyroNavigator:
-    gyro = dataclasses.replace(navigator.gyro, arw=arw, rrw=rrw)
-    return type(navigator)(
-        navigator.filter, gyro, navigator.star, navigator.vector, gate=navigator.gate
-    )
+    return navigator._like(gyro=dataclasses.replace(navigator.gyro, arw=arw, rrw=rrw))
 
 
 def _without_bias(navigator: StarGyroNavigator, sigma: float, step: float) -> StarGyroNavigator:

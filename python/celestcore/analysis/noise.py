@@ -208,9 +208,9 @@ class _Likelihood:
     """Log-likelihood of (arw, rrw, scale) [rad/sqrt(s), rad/s/sqrt(s), 1]."""
 
     def __init__(self, navigator: StarGyroNavigator, log: SensorLog, start: dict[str, Any]) -> None:
-        # the log is without what the gate rejects: from here on every measurement counts
-        self.navigator, self.log, self.start = copy.copy(navigator), log, start
-        self.navigator.gate = None
+        # the log is without what the gate rejects: from here on every measurement counts, in full
+        plain = navigator._like(gate=None, huber=None, student_t=None, adaptive=None)
+        self.navigator, self.log, self.start = plain, log, start
         self.known: dict[tuple[float, float], tuple[float, float, float]] = {}
 
     def run(self, arw: float, rrw: float) -> tuple[float, float, float]:

@@ -93,6 +93,9 @@ pub enum Error {
     /// A filter that only replays whole logs.
     #[error("filter: this one replays whole logs only; sample by sample run EKF, UKF or SRUKF")]
     NotStreaming,
+    /// A filter that weighs every measurement alike.
+    #[error("filter: IteratedEKF weighs all fixes alike; huber, student_t and adaptive go with EKF, UKF or SRUKF")]
+    NotRobust,
     /// An orbit that enters the Earth, or is not finite any more.
     #[error("the orbit at t = {t} s is {radius} m from the Earth's centre, which is inside the Earth or not finite")]
     Impact {

@@ -118,7 +118,7 @@ fn a_stream_of_the_same_samples_gives_the_same_bits() {
         for k in 0..made.t.len() {
             stream.predict(made.t[k], &made.rate[k]).unwrap();
             if k % 2 == 0 && k > 0 {
-                stream.update_star(made.t[k], &made.star_q[k / 2], &made.noise[k / 2]).unwrap();
+                stream.update_star(made.t[k], 0, &made.star_q[k / 2], &made.noise[k / 2]).unwrap();
             }
             let (mean, cov) = stream.state();
             let sign = if mean.q.iter().zip(&out.q[k]).map(|(a, b)| a * b).sum::<f64>() < 0.0 { -1.0 } else { 1.0 };

@@ -60,7 +60,7 @@ fn estimator(filter: AnyFilter) -> Estimator {
         filter,
         model: GyroModel::new(2e-5, 1e-7, Integrator::Exponential).unwrap(),
         timing: GyroTiming { sampling: Sampling::Hold, max_gap: 1.0, gap_rate_sigma: 1e-3 },
-        gate: 1.0,
+        trust: 1.0.into(),
         gyro_turn: None,
         cameras: vec![KnownCamera { mounting: None, noise: [s2, 0.0, 0.0, s2, 0.0, s2] }],
         begin: Begin::FirstFix([1e-3; 3]),

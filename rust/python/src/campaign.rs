@@ -38,7 +38,7 @@ impl Described<'_> {
             filter: self.setup.filter(py)?,
             model: self.setup.model(py)?,
             timing: self.setup.timing(py)?,
-            gate: self.setup.gate,
+            trust: self.setup.trust(py)?,
             gyro_turn: self.gyro_turn.as_ref().map(matrix),
             cameras: self
                 .cameras

@@ -105,6 +105,7 @@ impl<'py> Reports<'py> {
             innovation: innovation.as_slice_mut()?.as_chunks_mut().0,
             innovation_sigma: innovation_sigma.as_slice_mut()?.as_chunks_mut().0,
             tally: Some(&mut tally),
+            scale: &mut [],
         });
         Ok((done, tally))
     }

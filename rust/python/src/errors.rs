@@ -63,7 +63,7 @@ fn described(error: &Error, details: &Bound<'_, PyDict>) -> PyResult<(&'static s
             details.set_item("time", t)?;
             return Ok(("NumericalError", error.to_string()));
         }
-        Error::NoStart { .. } | Error::NotStreaming => error.to_string(),
+        Error::NoStart { .. } | Error::NotStreaming | Error::NotRobust => error.to_string(),
         Error::Interrupted => return Ok(("CelestcoreError", error.to_string())),
     };
     Ok(("InputError", message))

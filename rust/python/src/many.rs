@@ -36,7 +36,7 @@ fn replay_many<'py>(py: Python<'py>, logs: Vec<Replayed<'py>>, threads: usize) -
             Ok(located) => PyErr::from_value(located),
             Err(_) => e,
         };
-        let merged = AttitudeSensors::new(&series[i], log.setup.gate).map_err(|e| named(raise(py, e)))?;
+        let merged = AttitudeSensors::new(&series[i], log.setup.trust(py)?).map_err(|e| named(raise(py, e)))?;
         let start = log.begin(py, &gyros[i], &merged, &model, None).map_err(named)?;
         let needed = rows(&gyros[i], &merged, &start, options.output).map_err(|e| named(raise(py, e)))?;
         buffers.push(memory(log, needed));
@@ -84,6 +84,7 @@ fn memory(log: &Replayed<'_>, needed: Rows) -> Buffers {
         buffers.innovation = Vec::new();
         buffers.innovation_sigma = Vec::new();
     }
+    buffers.scale.clone_from(&log.noise_scale);
     buffers
 }
 
@@ -104,6 +105,7 @@ fn results<'py>(py: Python<'py>, end: &End<AttitudeBias, 6>, b: Buffers) -> PyRe
     out.set_item("accepted", PyArray1::from_vec(py, b.accepted))?;
     out.set_item("innovation", table(py, b.innovation)?)?;
     out.set_item("innovation_sigma", table(py, b.innovation_sigma)?)?;
+    out.set_item("noise_scale", b.scale)?;
     out.set_item("tally", (b.tally.accepted, b.tally.rejected, b.tally.unused))?;
     finish(py, &out, (end.t, end.outside, end.log_likelihood), &end.mean)?;
     out.set_item("final_covariance", table(py, as_rows(&end.covariance))?)?;

@@ -8,8 +8,8 @@ use crate::quaternions::integrator;
 use celestcore_core::Error;
 use celestcore_core::attitude::{
     AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, CALIBRATION_PASSES, Calibration, Columns,
-    DirectionSeries, FixNoise, GyroModel, GyroSeries, GyroTiming, Log, Measured, Options, Rows, Sampling, StarSeries,
-    calibrate as run_calibration, first_fix, gap_limit, gaps, rows as rows_of, run, smooth,
+    DirectionSeries, FixNoise, GyroModel, GyroSeries, GyroTiming, Log, Measured, Options, Robust, Rows, Sampling,
+    StarSeries, Trust, calibrate as run_calibration, first_fix, gap_limit, gaps, rows as rows_of, run, smooth,
 };
 use celestcore_core::filter::{Ekf, Iterated, SrUkf, Ukf, Unscented};
 use celestcore_core::replay::{Output, Start};
@@ -50,7 +50,13 @@ pub(crate) struct Setup {
     #[pyo3(item)]
     gap_rate_sigma: f64,
     #[pyo3(item)]
-    pub(crate) gate: f64,
+    gate: f64,
+    /// Kind and number: ("full", 0), ("huber", standard deviations), ("student_t", degrees of freedom).
+    #[pyo3(item)]
+    robust: (String, f64),
+    /// How many measurements the noise is found from, if it is.
+    #[pyo3(item)]
+    adaptive: Option<f64>,
 }
 
 impl Setup {
@@ -69,6 +75,15 @@ impl Setup {
             "literal" => Ok(AnyFilter::Literal(Ukf { weights: weights().map_err(|e| raise(py, e))? })),
             other => Err(input(py, &format!("filter = {other:?}: is not known"))),
         }
+    }
+    pub(crate) fn trust(&self, py: Python<'_>) -> PyResult<Trust> {
+        let robust = match self.robust.0.as_str() {
+            "full" => Robust::Full,
+            "huber" => Robust::Huber(self.robust.1),
+            "student_t" => Robust::StudentT(self.robust.1),
+            other => return Err(input(py, &format!("robust = {other:?}: is not known"))),
+        };
+        Ok(Trust { gate: self.gate, robust, memory: self.adaptive })
     }
     pub(crate) fn model(&self, py: Python<'_>) -> PyResult<GyroModel> {
         GyroModel::new(self.arw, self.rrw, integrator(py, &self.integrator)?).map_err(|e| raise(py, e))
@@ -166,6 +181,9 @@ pub(crate) struct Replayed<'py> {
     pub(crate) innovations: String,
     #[pyo3(item)]
     portable: bool,
+    /// What each sensor's noise is multiplied by at the start.
+    #[pyo3(item)]
+    pub(crate) noise_scale: Vec<f64>,
     #[pyo3(item)]
     pub(crate) progress: Option<Py<PyAny>>,
 }
@@ -214,7 +232,7 @@ impl<'py> Replayed<'py> {
         let gyro = self.gyro(self.setup.timing(py)?)?;
         let borrowed = self.sensors.iter().map(Sensor::new).collect::<PyResult<Vec<_>>>()?;
         let series = borrowed.iter().map(Sensor::series).collect::<PyResult<Vec<_>>>()?;
-        let sensors = AttitudeSensors::new(&series, self.setup.gate).map_err(|e| raise(py, e))?;
+        let sensors = AttitudeSensors::new(&series, self.setup.trust(py)?).map_err(|e| raise(py, e))?;
         let start = self.begin(py, &gyro, &sensors, &model, aligned)?;
         let options = self.options();
         let rows = rows_of(&gyro, &sensors, &start, options.output).map_err(|e| raise(py, e))?;
@@ -222,8 +240,10 @@ impl<'py> Replayed<'py> {
         let log = Log { model: &model, gyro: &gyro, sensors: &sensors };
         let progress = self.progress.as_ref().map(|p| p.clone_ref(py));
         let mut listener = Listener::new(progress, passes * gyro.t.len());
+        let mut scale = self.noise_scale.clone();
         let written = states.write(|columns| {
             reports.write(|measured| {
+                let measured = Measured { scale: &mut scale, ..measured };
                 let listener = &mut listener;
                 py.detach(|| {
                     let began = Instant::now();
@@ -242,6 +262,7 @@ impl<'py> Replayed<'py> {
         out.set_item("tally", (tally.accepted, tally.rejected, tally.unused))?;
         out.set_item("gaps", table(py, gaps(gyro.t, gyro.timing.max_gap))?)?;
         out.set_item("start_fix", start.used.map(|i| sensors.source(i)))?;
+        out.set_item("noise_scale", scale)?;
         out.set_item("elapsed_s", elapsed)?;
         Ok((out, end))
     }

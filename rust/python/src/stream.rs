@@ -6,7 +6,7 @@ use crate::errors::{input, raise};
 use crate::listener::Listener;
 use crate::replay::Setup;
 use celestcore_core::attitude::{
-    Attitude, Columns, GyroInput, PastStep, Reference, Samples, Snapshot, Stream, Times, turned,
+    Attitude, Columns, GyroInput, PastStep, Reference, STREAM_SENSORS, Samples, Snapshot, Stream, Times, turned,
 };
 use celestcore_core::linalg::Matrix;
 use celestcore_core::replay::{MAX_DOF, Report};
@@ -79,7 +79,7 @@ impl AttitudeStream {
     ) -> PyResult<Self> {
         let (filter, model, timing) = (setup.filter(py)?, setup.model(py)?, setup.timing(py)?);
         let p = matrix6(&covariance, "initial covariance")?;
-        let stream = Stream::new(filter, model, timing, setup.gate, t, Attitude { q, bias }, &p);
+        let stream = Stream::new(filter, model, timing, setup.trust(py)?, t, Attitude { q, bias }, &p);
         let mut stream = stream.map_err(|e| raise(py, e))?;
         if let Some(lag) = lag {
             stream.keep(lag).map_err(|e| raise(py, e))?;
@@ -127,11 +127,13 @@ impl AttitudeStream {
         Ok(Some(out))
     }
 
-    fn update_star(&mut self, py: Python<'_>, t: f64, q: [f64; 4], noise: [f64; 6]) -> PyResult<Update> {
-        let report = self.stream.update_star(t, &q, &noise).map_err(|e| raise(py, e))?;
+    #[pyo3(signature = (t, q, noise, sensor = 0))]
+    fn update_star(&mut self, py: Python<'_>, t: f64, q: [f64; 4], noise: [f64; 6], sensor: usize) -> PyResult<Update> {
+        let report = self.stream.update_star(t, sensor, &q, &noise).map_err(|e| raise(py, e))?;
         Ok(Update { report })
     }
 
+    #[pyo3(signature = (t, body, inertial, sigma, sensor = 0))]
     fn update_vector(
         &mut self,
         py: Python<'_>,
@@ -139,9 +141,10 @@ impl AttitudeStream {
         body: [f64; 3],
         inertial: [f64; 3],
         sigma: f64,
+        sensor: usize,
     ) -> PyResult<Update> {
-        let report =
-            self.stream.update_direction(t, &body, &Reference { inertial, sigma }).map_err(|e| raise(py, e))?;
+        let reference = Reference { inertial, sigma };
+        let report = self.stream.update_direction(t, sensor, &body, &reference).map_err(|e| raise(py, e))?;
         Ok(Update { report })
     }
 
@@ -155,6 +158,11 @@ impl AttitudeStream {
             |m: &Matrix<f64, 6, 6>| -> [[f64; 6]; 6] { std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)])) };
         let covariance = matrices(py, states.iter().map(|s| rows(&s.2)).collect())?;
         Ok((t, q, bias, covariance))
+    }
+
+    /// What each sensor's noise is multiplied by.
+    fn _noise_scale(&self) -> Scales {
+        *self.stream.noise_scale()
     }
 
     #[getter]
@@ -178,14 +186,14 @@ impl AttitudeStream {
     fn _snapshot<'py>(&self, py: Python<'py>) -> PyResult<Parts<'py>> {
         let s = self.stream.snapshot();
         let past = table(py, self.stream.history().map(packed).collect())?;
-        Ok((s.t, s.mean.q, s.mean.bias, table(py, as_rows(&s.matrix))?, s.last, s.steps, past))
+        Ok((s.t, s.mean.q, s.mean.bias, table(py, as_rows(&s.matrix))?, s.last, s.steps, past, s.scale))
     }
 
     fn _restore(&mut self, parts: Given<'_>) -> PyResult<()> {
-        let (t, q, bias, matrix, last, steps, past) = parts;
+        let (t, q, bias, matrix, last, steps, past, scale) = parts;
         let matrix = matrix6(&matrix, "matrix")?;
         self.stream.recall(rows::<PAST>(&past, "past steps")?.iter().map(unpacked));
-        self.stream.restore(&Snapshot { t, mean: Attitude { q, bias }, matrix, last, steps });
+        self.stream.restore(&Snapshot { t, mean: Attitude { q, bias }, matrix, last, steps, scale });
         Ok(())
     }
 }
@@ -202,8 +210,9 @@ impl AttitudeStream {
 }
 
 type Sample = (f64, [f64; 3]);
-type Parts<'py> = (f64, [f64; 4], [f64; 3], Bound<'py, PyAny>, Option<Sample>, usize, Bound<'py, PyAny>);
-type Given<'py> = (f64, [f64; 4], [f64; 3], Array<'py>, Option<Sample>, usize, Array<'py>);
+type Parts<'py> = (f64, [f64; 4], [f64; 3], Bound<'py, PyAny>, Option<Sample>, usize, Bound<'py, PyAny>, Scales);
+type Given<'py> = (f64, [f64; 4], [f64; 3], Array<'py>, Option<Sample>, usize, Array<'py>, Scales);
+type Scales = [f64; STREAM_SENSORS];
 type Window<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 /// Numbers in a past step.

@@ -44,12 +44,13 @@ pub const LANES: usize = 8;
 /// Rounds between two calls of `poll`.
 const CHUNK: usize = 1024;
 
-/// Whether a filter runs in lanes over such a log. Other filters, direction sensors, output at a period of its own and
-/// levels without lanes run one log at a time.
+/// Whether a filter runs in lanes over such a log. Other filters, direction sensors, more than a gate for
+/// doubtful fixes, output at a period of its own and levels without lanes run one log at a time.
 pub fn in_lanes(filter: &AnyFilter, log: &Log<'_>, options: &Options) -> bool {
     let known = matches!(filter, AnyFilter::Ekf(_) | AnyFilter::Ukf(_));
     let stars = log.sensors.sensors().iter().all(|s| matches!(s, AttitudeSensor::Star(_)));
-    options.level.has_lanes() && known && stars && matches!(options.output, Output::Every(n) if n > 0)
+    let plain = log.sensors.trust().is_plain();
+    options.level.has_lanes() && known && stars && plain && matches!(options.output, Output::Every(n) if n > 0)
 }
 
 /// Replays up to eight logs at a time, one after the other where they do not run [`in_lanes`]. Results differ from those
@@ -498,7 +499,7 @@ impl<F: Filter> Batch<'_, '_, F> {
             for c in 0..6 {
                 fixes.noise[c][i] = noise[c];
             }
-            fixes.gate[i] = sensors.gates()[2];
+            fixes.gate[i] = sensors.trust().gates()[2];
             (count, last) = (count + 1, i);
         }
         // lanes without a fix compute on another one's, behind a gate that nothing passes

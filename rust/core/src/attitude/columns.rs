@@ -43,6 +43,9 @@ pub struct Measured<'a> {
     pub innovation_sigma: &'a mut [[f64; MAX_DOF]],
     /// What became of them all, whether columns are written or not.
     pub tally: Option<&'a mut Tally>,
+    /// By which factor each sensor's noise is multiplied: at the start, and at the end to be written, where noise is found
+    /// as the filter runs. Without any they start at 1.
+    pub scale: &'a mut [f64],
 }
 
 /// What became of a run's measurements.
@@ -149,6 +152,8 @@ pub struct Buffers {
     pub innovation_sigma: Vec<[f64; MAX_DOF]>,
     /// See [`Measured::tally`].
     pub tally: Tally,
+    /// See [`Measured::scale`].
+    pub scale: Vec<f64>,
 }
 
 impl Buffers {
@@ -169,6 +174,7 @@ impl Buffers {
             innovation: vec![[0.0; MAX_DOF]; m],
             innovation_sigma: vec![[0.0; MAX_DOF]; m],
             tally: Tally::default(),
+            scale: Vec::new(),
         }
     }
 
@@ -193,6 +199,7 @@ impl Buffers {
             innovation: &mut self.innovation,
             innovation_sigma: &mut self.innovation_sigma,
             tally: Some(&mut self.tally),
+            scale: &mut self.scale,
         };
         (columns, measured)
     }

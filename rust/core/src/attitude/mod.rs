@@ -19,6 +19,7 @@ mod start;
 mod state;
 mod stream;
 mod system;
+mod trust;
 pub mod wahba;
 mod writer;
 
@@ -37,5 +38,6 @@ pub use sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
 pub use series::{AttitudeSensor, AttitudeSensors, DirectionSeries, FixNoise, GyroSeries, StarSeries, turned};
 pub use start::first_fix;
 pub use state::{Attitude, AttitudeBias, UnitQuaternion, Vector3};
-pub use stream::{Snapshot, Stream};
+pub use stream::{STREAM_SENSORS, Snapshot, Stream};
 pub use system::System;
+pub use trust::{Robust, Trust};

@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, Iterated, SrUkf, Ukf};
 use crate::replay::{Drive, End, Output, Recorder, Replay, Report, Sink, Start, smooth as back};
 use crate::scalar::{Baseline, Level, Real, Run, Runner};
+use std::cell::Cell;
 
 /// The filters, chosen at run time, once per run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -163,6 +164,9 @@ impl Call<'_, '_> {
     /// The one place where filters and systems meet.
     fn dispatch(self, filter: &AnyFilter) -> Result<End<AttitudeBias, 6>> {
         self.check()?;
+        if matches!(filter, AnyFilter::Iterated(_)) && !self.log.sensors.trust().is_plain() {
+            return Err(Error::NotRobust);
+        }
         let model = *self.log.model;
         let level = self.options.level;
         match filter {
@@ -188,6 +192,9 @@ impl Call<'_, '_> {
         }
         let lengths =
             [m.t.len(), m.sensor.len(), m.row.len(), m.dof.len(), m.nis.len(), m.accepted.len(), m.innovation.len()];
+        if !m.scale.is_empty() {
+            same("noise scale", m.scale.len(), log.sensors.sensors().len())?;
+        }
         for found in lengths.into_iter().chain([m.innovation_sigma.len()]).filter(|found| *found > 0) {
             same("measurement column", found, rows.measured)?;
         }
@@ -212,7 +219,7 @@ impl Call<'_, '_> {
     }
 
     fn pass<F: Filter, Y: System<N>, I: Drive<Y, N>, const N: usize>(
-        self,
+        mut self,
         runner: impl Runner,
         filter: &F,
         system: &Y,
@@ -221,8 +228,15 @@ impl Call<'_, '_> {
         let (mean, covariance) = system.start(&self.start.mean, &self.start.covariance);
         let start = Start { t: self.start.t, mean, covariance, used: self.start.used };
         let rows = self.columns.t.len();
+        let mut own = Vec::new();
+        let mut scale = std::mem::take(&mut self.measured.scale);
+        if scale.is_empty() && !self.log.sensors.trust().is_plain() {
+            own.resize(self.log.sensors.sensors().len(), 1.0);
+            scale = &mut own;
+        }
+        let scale = Cell::from_mut(scale).as_slice_of_cells();
         let writer = Writer::new(self.log, system, self.columns, self.measured, self.back);
-        let sensors = Seen { sensors: self.log.sensors, system };
+        let sensors = Seen { sensors: self.log.sensors, system, scale };
         let output = self.options.output;
         let replay = Replay { filter, dynamics: system, drive, sensors: &sensors, output };
         // no more steps than samples and measurements together; memory not written is not used
@@ -261,7 +275,7 @@ impl<Y: System<N>, const N: usize> Sink<Y::Space, N> for Pass<'_, Y, N> {
 
 /// A pass of one filter on one system, and the way back if it was recorded.
 struct Job<'a, 'c, F, Y: System<N>, I, const N: usize> {
-    replay: Replay<'c, F, Y, I, Seen<'a, Y>>,
+    replay: Replay<'c, F, Y, I, Seen<'c, Y>>,
     start: &'c Start<Y::Space, N>,
     pass: Pass<'a, Y, N>,
     poll: &'c mut dyn FnMut(usize) -> Result<()>,

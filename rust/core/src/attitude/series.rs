@@ -3,12 +3,12 @@
 use super::gyro::{GyroInput, GyroInputs, GyroTiming};
 use super::merge::Order;
 use super::sensors::Reference;
-use crate::consistency::chi2_quantile;
+use super::trust::{Trust, Trusted};
 use crate::error::{Error, Result};
 use crate::manifold::Family;
 use crate::model::Dynamics;
 use crate::quaternion::{Quaternion, conjugate, multiply, to_matrix};
-use crate::replay::{Drive, MAX_DOF};
+use crate::replay::Drive;
 use crate::scalar::Real;
 
 /// Gyro samples.
@@ -227,20 +227,20 @@ pub struct AttitudeSensors<'a> {
     sensors: &'a [AttitudeSensor<'a>],
     order: Order,
     left_out: Option<usize>,
-    gates: [f64; MAX_DOF],
+    trust: Trusted,
 }
 
 impl<'a> AttitudeSensors<'a> {
-    /// Merges the sensors. `gate` is the probability with which a good measurement is accepted; 1 accepts
-    /// all.
+    /// Merges the sensors. `trust` is how far measurements are believed; a number alone is the gate: the probability with
+    /// which a good measurement is accepted; 1 accepts all.
     ///
     /// # Errors
     /// Columns of different length, times that do not increase, a probability outside (0, 1].
-    pub fn new(sensors: &'a [AttitudeSensor<'a>], gate: f64) -> Result<Self> {
+    pub fn new(sensors: &'a [AttitudeSensor<'a>], trust: impl Into<Trust>) -> Result<Self> {
         for sensor in sensors {
             sensor.check()?;
         }
-        Ok(Self { sensors, order: order(sensors, None)?, left_out: None, gates: gates(gate)? })
+        Ok(Self { sensors, order: order(sensors, None)?, left_out: None, trust: Trusted::new(trust.into())? })
     }
 
     /// The same without the fixes of one sensor; numbers of sensors stay.
@@ -297,9 +297,10 @@ impl<'a> AttitudeSensors<'a> {
         self.sensors[sensor].times()[row]
     }
 
-    /// Gates for one to [`MAX_DOF`] degrees of freedom.
-    pub(super) fn gates(&self) -> &[f64; MAX_DOF] {
-        &self.gates
+    /// How far measurements are believed.
+    #[inline(always)]
+    pub(super) fn trust(&self) -> &Trusted {
+        &self.trust
     }
 
     /// The sensors.
@@ -313,16 +314,4 @@ fn order(sensors: &[AttitudeSensor<'_>], without: Option<usize>) -> Result<Order
     let times: Vec<Option<&[f64]>> =
         sensors.iter().enumerate().map(|(i, s)| (Some(i) != without).then(|| s.times())).collect();
     Order::new(&times)
-}
-
-/// Gates for one to [`MAX_DOF`] degrees of freedom.
-pub(super) fn gates(probability: f64) -> Result<[f64; MAX_DOF]> {
-    if probability == 0.0 {
-        return Err(Error::Parameter { field: "gate", value: 0.0, need: "must be a probability above 0, up to 1" });
-    }
-    let mut gates = [f64::INFINITY; MAX_DOF];
-    for (i, gate) in gates.iter_mut().enumerate() {
-        *gate = chi2_quantile(probability, (i + 1) as f64)?;
-    }
-    Ok(gates)
 }

@@ -6,15 +6,19 @@ use super::gyro::{GyroModel, GyroTiming};
 use super::history::{Back, History, PastStep, SmoothedState};
 use super::run::AnyFilter;
 use super::sensors::Reference;
-use super::series::gates;
 use super::state::{Attitude, AttitudeBias};
-use super::system::System;
+use super::system::{believe_direction, believe_star};
+use super::trust::{Trust, Trusted};
 use crate::belief::{Belief, Gaussian, SqrtGaussian};
 use crate::error::{Error, Result};
 use crate::filter::{Ekf, Filter, SrUkf, Ukf};
 use crate::linalg::{Matrix, from_fn};
-use crate::replay::{MAX_DOF, Report};
+use crate::replay::Report;
 use crate::scalar::{Level, Real, Run};
+use std::cell::Cell;
+
+/// Sensors whose noise a stream can find apart.
+pub const STREAM_SENSORS: usize = 16;
 
 /// A filter that runs, with its belief.
 #[derive(Clone, Copy)]
@@ -74,7 +78,9 @@ pub struct Stream {
     running: Running,
     model: GyroModel,
     timing: GyroTiming,
-    gates: [f64; MAX_DOF],
+    trust: Trusted,
+    /// What each sensor's noise is multiplied by.
+    scale: [f64; STREAM_SENSORS],
     level: Level,
     course: Course,
 }
@@ -92,6 +98,8 @@ pub struct Snapshot {
     pub last: Option<(f64, [f64; 3])>,
     /// Steps made.
     pub steps: usize,
+    /// What each sensor's noise is multiplied by.
+    pub scale: [f64; STREAM_SENSORS],
 }
 
 impl Stream {
@@ -103,7 +111,7 @@ impl Stream {
         filter: AnyFilter,
         model: GyroModel,
         timing: GyroTiming,
-        gate: f64,
+        trust: impl Into<Trust>,
         t: f64,
         mean: Attitude<f64>,
         covariance: &Matrix<f64, 6, 6>,
@@ -116,7 +124,8 @@ impl Stream {
             running,
             model,
             timing,
-            gates: gates(gate)?,
+            trust: Trusted::new(trust.into())?,
+            scale: [1.0; STREAM_SENSORS],
             level: Level::best(),
             course: Course { t, last: None, steps: 0, history: None },
         })
@@ -125,7 +134,7 @@ impl Stream {
     /// Everything that changes as the filter runs; with [`Self::restore`] it goes on to the same bits.
     pub fn snapshot(&self) -> Snapshot {
         let (mean, matrix) = self.running.parts();
-        Snapshot { t: self.course.t, mean, matrix, last: self.course.last, steps: self.course.steps }
+        Snapshot { t: self.course.t, mean, matrix, last: self.course.last, steps: self.course.steps, scale: self.scale }
     }
 
     /// Goes on from a snapshot of a stream of the same filter.
@@ -135,6 +144,7 @@ impl Stream {
             Running::SrUkf(_, b) => *b = SqrtGaussian { mean: from.mean, factor: from.matrix },
         }
         (self.course.t, self.course.last, self.course.steps) = (from.t, from.last, from.steps);
+        self.scale = from.scale;
     }
 
     /// Remembers steps from now on, so that [`Self::smoothed`] can go back by `lag` seconds.
@@ -246,23 +256,38 @@ impl Stream {
         Ok(())
     }
 
-    /// Corrects by a star fix at time `t`: `q_ib` and the covariance of its error in the body frame.
+    /// Corrects by a star fix of sensor number `sensor` at time `t`: `q_ib` and the covariance of its error in the body frame.
+    /// Sensors count from 0 to [`STREAM_SENSORS`], directions among them.
     ///
     /// # Errors
     /// See [`Self::predict`]; also a fix after the state's time before there was any gyro sample.
-    pub fn update_star(&mut self, t: f64, q: &[f64; 4], noise: &[f64; 6]) -> Result<Report> {
-        self.update(t, Fix::Star(q, noise))
+    pub fn update_star(&mut self, t: f64, sensor: usize, q: &[f64; 4], noise: &[f64; 6]) -> Result<Report> {
+        self.update(t, sensor, Fix::Star(q, noise))
     }
 
     /// Corrects by a direction at time `t`: a unit vector in the body frame.
     ///
     /// # Errors
     /// See [`Self::update_star`].
-    pub fn update_direction(&mut self, t: f64, body: &[f64; 3], reference: &Reference<f64>) -> Result<Report> {
-        self.update(t, Fix::Direction(body, reference))
+    pub fn update_direction(
+        &mut self,
+        t: f64,
+        sensor: usize,
+        body: &[f64; 3],
+        reference: &Reference<f64>,
+    ) -> Result<Report> {
+        self.update(t, sensor, Fix::Direction(body, reference))
     }
 
-    fn update(&mut self, t: f64, fix: Fix<'_>) -> Result<Report> {
+    /// What each sensor's noise is multiplied by.
+    pub fn noise_scale(&self) -> &[f64; STREAM_SENSORS] {
+        &self.scale
+    }
+
+    fn update(&mut self, t: f64, sensor: usize, fix: Fix<'_>) -> Result<Report> {
+        if sensor >= STREAM_SENSORS {
+            return Err(Error::Parameter { field: "sensor", value: sensor as f64, need: "must be below 16" });
+        }
         in_order("update", t, self.course.t)?;
         let (running, time, steps) = (self.running, self.course.t, self.course.steps);
         if t > time {
@@ -275,7 +300,7 @@ impl Stream {
             self.one(t, &last.1)?;
             self.course.last = Some(last);
         }
-        if let Some(report) = self.apply(&fix) {
+        if let Some(report) = self.apply(sensor, &fix) {
             self.forget();
             return Ok(report);
         }
@@ -313,12 +338,14 @@ impl Stream {
         }
     }
 
-    fn apply(&mut self, fix: &Fix<'_>) -> Option<Report> {
-        let (model, gates) = (&self.model, &self.gates);
+    fn apply(&mut self, sensor: usize, fix: &Fix<'_>) -> Option<Report> {
+        let model = &self.model;
+        let scale = Cell::from_mut(&mut self.scale[sensor]);
+        let trust = (&self.trust, Some(&*scale));
         match &mut self.running {
-            Running::Ekf(f, b) => self.level.run(Correct(f, model, b, fix, gates)),
-            Running::Ukf(f, b) => self.level.run(Correct(f, model, b, fix, gates)),
-            Running::SrUkf(f, b) => self.level.run(Correct(f, model, b, fix, gates)),
+            Running::Ekf(f, b) => self.level.run(Correct(f, model, b, fix, trust)),
+            Running::Ukf(f, b) => self.level.run(Correct(f, model, b, fix, trust)),
+            Running::SrUkf(f, b) => self.level.run(Correct(f, model, b, fix, trust)),
         }
     }
 }
@@ -335,18 +362,20 @@ struct Correct<'a, F: Filter>(
     &'a GyroModel,
     &'a mut F::Belief<AttitudeBias, f64, 6>,
     &'a Fix<'a>,
-    &'a [f64; MAX_DOF],
+    (&'a Trusted, Option<&'a Cell<f64>>),
 );
 
 impl<F: Filter> Run for Correct<'_, F> {
     type Output = Option<Report>;
     #[inline(always)]
     fn run<T: Real<Mask = bool>>(self) -> Option<Report> {
-        let Self(filter, model, given, fix, gates) = self;
+        let Self(filter, model, given, fix, trust) = self;
         let mut belief = F::cast::<AttitudeBias, f64, T, 6>(given);
         let report = match fix {
-            Fix::Star(q, noise) => model.star::<F, T>(filter, &mut belief, 0, (q, noise), gates),
-            Fix::Direction(body, reference) => model.direction::<F, T>(filter, &mut belief, body, reference, gates),
+            Fix::Star(q, noise) => believe_star::<GyroModel, F, T, 6>(model, filter, &mut belief, (0, q, noise), trust),
+            Fix::Direction(body, reference) => {
+                believe_direction::<GyroModel, F, T, 6>(model, filter, &mut belief, (body, reference), trust)
+            }
         };
         *given = F::cast::<AttitudeBias, T, f64, 6>(&belief);
         report.ok.then_some(report)

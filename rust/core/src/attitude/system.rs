@@ -4,6 +4,7 @@ use super::gyro::GyroModel;
 use super::sensors::{Direction, Reference, References, StarQuaternion, Symmetric3};
 use super::series::{AttitudeSensor, AttitudeSensors};
 use super::state::{Attitude, UnitQuaternion, Vector3};
+use super::trust::{Trusted, largest};
 use crate::belief::Belief;
 use crate::filter::Filter;
 use crate::linalg::{Matrix, Vector, diagonal};
@@ -11,6 +12,7 @@ use crate::manifold::Family;
 use crate::model::{Dynamics, State};
 use crate::replay::{MAX_DOF, Report, Sensors};
 use crate::scalar::Real;
+use std::cell::Cell;
 
 /// A state driven by a gyro that holds an attitude and a gyro bias, and what the sensors make of it. Its start
 /// and its results are those of [`super::AttitudeBias`]: an error in the body frame, and a bias.
@@ -93,6 +95,46 @@ impl System<6> for GyroModel {
 pub(super) struct Seen<'a, Y> {
     pub(super) sensors: &'a AttitudeSensors<'a>,
     pub(super) system: &'a Y,
+    /// What each sensor's noise is multiplied by; none where it stays.
+    pub(super) scale: &'a [Cell<f64>],
+}
+
+/// Corrects a belief by a star fix as far as it is trusted.
+#[inline(always)]
+pub(super) fn believe_star<Y: System<N>, F: Filter, T: Real<Mask = bool>, const N: usize>(
+    system: &Y,
+    filter: &F,
+    belief: &mut F::Belief<Y::Space, T, N>,
+    (sensor, q, noise): (usize, &[f64; 4], &[f64; 6]),
+    (trust, scale): (&Trusted, Option<&Cell<f64>>),
+) -> Report {
+    trust.correct(
+        noise,
+        scale,
+        #[inline(always)]
+        |other, gates| system.star::<F, T>(filter, belief, sensor, (q, other.unwrap_or(noise)), gates),
+    )
+}
+
+/// Corrects a belief by a direction as far as it is trusted.
+#[inline(always)]
+pub(super) fn believe_direction<Y: System<N>, F: Filter, T: Real<Mask = bool>, const N: usize>(
+    system: &Y,
+    filter: &F,
+    belief: &mut F::Belief<Y::Space, T, N>,
+    (body, reference): (&[f64; 3], &Reference<f64>),
+    (trust, scale): (&Trusted, Option<&Cell<f64>>),
+) -> Report {
+    let variance = reference.sigma * reference.sigma;
+    trust.correct(
+        &[variance, 0.0, 0.0, variance, 0.0, 0.0],
+        scale,
+        #[inline(always)]
+        |other, gates| {
+            let sigma = other.map_or(reference.sigma, |noise| largest(noise).sqrt());
+            system.direction::<F, T>(filter, belief, body, &Reference { sigma, ..*reference }, gates)
+        },
+    )
 }
 
 impl<Y: System<N>, const N: usize> Sensors<Y::Space, N> for Seen<'_, Y> {
@@ -112,15 +154,15 @@ impl<Y: System<N>, const N: usize> Sensors<Y::Space, N> for Seen<'_, Y> {
         belief: &mut F::Belief<Y::Space, T, N>,
     ) -> Report {
         let (sensor, row) = self.sensors.source(i);
-        let gates = self.sensors.gates();
+        let trust = (self.sensors.trust(), self.scale.get(sensor));
         match &self.sensors.sensors()[sensor] {
             AttitudeSensor::Star(s) => {
                 let (q, noise) = s.fix(row);
-                self.system.star::<F, T>(filter, belief, sensor, (&q, &noise), gates)
+                believe_star::<Y, F, T, N>(self.system, filter, belief, (sensor, &q, &noise), trust)
             }
             AttitudeSensor::Direction(s) => {
                 let (body, reference) = s.sight(row);
-                self.system.direction::<F, T>(filter, belief, &body, &reference, gates)
+                believe_direction::<Y, F, T, N>(self.system, filter, belief, (&body, &reference), trust)
             }
         }
     }

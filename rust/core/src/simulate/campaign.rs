@@ -6,7 +6,7 @@ use super::score::{Flown, Score};
 use super::{Fixes, GyroErrors, Readings, Scenario, StarSource};
 use crate::attitude::{
     AnyFilter, Attitude, AttitudeBias, AttitudeSensor, AttitudeSensors, Buffers, Flight, GyroModel, GyroSeries,
-    GyroTiming, LANES, Log, Options, StarSeries, first_fix, rows, run, run_many, smooth,
+    GyroTiming, LANES, Log, Options, StarSeries, Trust, first_fix, rows, run, run_many, smooth,
 };
 use crate::error::{Error, Result};
 use crate::linalg::{Matrix, apply, cholesky_semidefinite, mul, transpose};
@@ -45,8 +45,8 @@ pub struct Estimator {
     pub model: GyroModel,
     /// What a gyro sample says.
     pub timing: GyroTiming,
-    /// Probability with which a good measurement passes the gate.
-    pub gate: f64,
+    /// How far measurements are believed.
+    pub trust: Trust,
     /// From measured rates to rates of the body: mounting, and scale factors and misalignments taken out.
     pub gyro_turn: Option<Matrix<f64, 3, 3>>,
     /// One for each camera of the scenario.
@@ -276,7 +276,7 @@ impl<'a> Worker<'a> {
         let (views, mut buffers): (Vec<View<'_>>, Vec<&mut Buffers>) = seen.unzip();
         let gyros: Vec<_> =
             views.iter().map(|v| GyroSeries { t: truth.t, rate: v.rate, turn: None, timing: e.timing }).collect();
-        let sensors: Vec<_> = views.iter().map(|v| AttitudeSensors::new(&v.series, e.gate)).collect::<Result<_>>()?;
+        let sensors: Vec<_> = views.iter().map(|v| AttitudeSensors::new(&v.series, e.trust)).collect::<Result<_>>()?;
         let mut flights = Vec::with_capacity(count);
         for (((view, gyro), sensors), buffers) in views.iter().zip(&gyros).zip(&sensors).zip(&mut buffers) {
             let start = match &e.begin {
