@@ -89,3 +89,11 @@ def test_two_million_steps(filter: cc.EKF | cc.UKF) -> None:  # noqa: A002
 @pytest.mark.parametrize("filter", FILTERS, ids=lambda f: f.kind)
 def test_hundred_million_steps(filter: cc.EKF | cc.UKF) -> None:  # noqa: A002
     fly(filter, chunks=50, every=100)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("filter", FILTERS, ids=lambda f: f.kind)
+def test_a_billion_steps(filter: cc.EKF | cc.UKF) -> None:  # noqa: A002
+    """More than three years at 10 Hz."""
+    fly(filter, chunks=500, every=1000)

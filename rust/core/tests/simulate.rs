@@ -203,7 +203,7 @@ fn what_does_not_fit_is_refused() {
     assert!(matches!(monte_carlo(&short, 1, &mut |_| Ok(())), Err(Error::Length { field: "truth.q", .. })));
 
     let mut gate = campaign(&f, 0..2);
-    gate.estimators[1].gate = 0.0;
+    gate.estimators[1].trust.gate = 0.0;
     assert!(matches!(monte_carlo(&gate, 2, &mut |_| Ok(())), Err(Error::Parameter { field: "gate", .. })));
 
     let mut empty = campaign(&f, 0..2);

@@ -85,7 +85,8 @@ pub(crate) fn noise(u: &mut Unstructured<'_>) -> Result<[f64; 6]> {
 pub(crate) fn attitude(u: &mut Unstructured<'_>) -> Result<Attitude<f64>> {
     // a state is of unit length: its makers see to that
     let q = quaternion(u)?;
-    let q = if q.iter().all(|c| c.is_finite()) { q } else { [1.0, 0.0, 0.0, 0.0] };
+    let unit = (q.iter().map(|c| c * c).sum::<f64>() - 1.0).abs() < 1e-9;
+    let q = if unit { q } else { [1.0, 0.0, 0.0, 0.0] };
     let bias = rate(u)?;
     Ok(Attitude { q, bias: if bias.iter().all(|b| b.is_finite()) { bias } else { [0.0; 3] } })
 }
