@@ -144,9 +144,13 @@ def stacked(segments: list[Segment]) -> dict[str, Any]:
     """Return the columns of segments one after the other, and the last one's end."""
     out = dict(segments[-1][0])
     outs = [segment for segment, _ in segments]
-    for name in ("t", "state", "sigma", "covariance", "nis", "accepted"):
+    # a segment between two output times has no rows, of no width
+    written = [o for o in outs if len(o["t"])] or outs[-1:]
+    for name in ("t", "state", "sigma", "covariance"):
         if name in out:
-            out[name] = np.concatenate([o[name] for o in outs])
+            out[name] = np.concatenate([o[name] for o in written])
+    for name in ("nis", "accepted"):
+        out[name] = np.concatenate([o[name] for o in outs])
     for name in ("innovation", "innovation_sigma"):
         out[name] = np.concatenate([o[name] for o in outs])
     out["fix"] = np.concatenate([rows[o["row"]] for o, rows in segments])
