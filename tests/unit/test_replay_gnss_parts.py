@@ -15,10 +15,11 @@ from itertools import pairwise
 import celestcore as cc
 import numpy as np
 import pytest
-from celestcore import replay
+from celestcore import cli, replay
 from celestcore.gnss import Antennas, GaussMarkov, GnssReceiver, GnssStarScenario
 from celestcore.gnss._earth import Earth
 from celestcore.orbit import ForceModel, OrbitDynamics
+from celestcore.replay._gnss_waiting import Waiting
 from celestcore.replay._source import stretches
 
 pytest.importorskip("pyarrow")
@@ -196,6 +197,15 @@ def test_a_gyro_with_gaps(turning, tmp_path):
     assert 0 < summary["samples"] <= int(some.sum())
 
 
+def test_a_gyro_that_begins_late_while_fixes_wait(turning, tmp_path):
+    """How far away the first sample is counts from the log's begin, not from a seam before it."""
+    late = changed(turning.log, gyro=turning.log.gyro.t > 500.5)
+    log = moved(late, 485.0, np.inf, [300.0, 0.0, 0.0])
+    nav = cc.GnssStarNavigator(dynamics=DYNAMICS, gyro=GYRO)
+    assert compare(log, nav, tmp_path, windows=(35.0, 510.0)).restarts[0] == 490.0
+    assert replay.read(tmp_path / "510")["health"]["t_end"][0] < 500.5
+
+
 def test_antennas_and_two_star_sensors(made, tmp_path):
     log, star = made.log, made.log.stars["star"]
     arms = np.array([[2.0, 0.0, 0.0], [0.0, 1.5, 0.0]])
@@ -330,21 +340,19 @@ def test_a_stopped_replay_goes_on_to_the_same_bits(turning, tmp_path, driven):
         lfe=cc.LowFrequencyError(period=5600.0),
         star_time_offset=-0.4,
     )
+    cc.write_log(log, tmp_path / "log")
     given = {"window": 60.0, "every": 3}
-    replay.run(log, nav, tmp_path / "whole", **given)
+
+    def go(out, **more):
+        with cc.open_log(tmp_path / "log") as stream:
+            return replay.run(stream, nav, tmp_path / out, **given, **more)
+
+    go("whole")
     memory = {"checkpoint": tmp_path / "c.json", "interval": 0.0}
     stops = 0
     for after in (2, 1, 5, 3, 1, 90):
         try:
-            done = replay.run(
-                log,
-                nav,
-                tmp_path / "out",
-                **given,
-                **memory,
-                resume=stops > 0,
-                progress=stopping(after),
-            )
+            done = go("out", **memory, resume=stops > 0, progress=stopping(after))
         except StoppedError:
             stops += 1
     assert stops == 5
@@ -359,7 +367,7 @@ def test_a_stopped_replay_goes_on_to_the_same_bits(turning, tmp_path, driven):
 SCRIPT = """
 import sys, time
 import celestcore as cc
-from celestcore import replay
+from celestcore import cli, replay
 log, out, memory, resume = sys.argv[1], sys.argv[2], sys.argv[3], sys.argv[4] == "1"
 nav = cc.GnssStarNavigator(dynamics=cc.orbit.OrbitDynamics(cc.orbit.ForceModel.j2(), 1e-8))
 print("ready", flush=True)
@@ -404,6 +412,17 @@ def test_a_killed_replay_goes_on_to_the_same_bits(made, nav, tmp_path):
     assert summary.resumed
     check(found, summary, whole)
     assert not list((tmp_path / "out").rglob("*.tmp*"))
+
+
+def test_what_is_read_again(nav):
+    """A stream goes on where the earliest tag is whose time has not been reached."""
+    receiver = GnssReceiver(1.0, 0.01, time_offset=0.1)
+    own = cc.GnssStarNavigator(dynamics=DYNAMICS, gnss=receiver, star_time_offset=-0.4)
+    for navigator, expected in ((nav, 100.0), (own, 99.6)):
+        waiting = Waiting(navigator, ("gnss", "star", "gyro", "vector_sun"))
+        assert waiting.names == ["gnss", "star"]
+        waiting.reached = 100.0
+        assert waiting.reading_from == pytest.approx(expected)
 
 
 def test_a_checkpoint_is_of_this_navigator(made, nav, tmp_path):
@@ -467,6 +486,52 @@ def test_a_start_that_fails_says_so(made, nav, tmp_path):
         for go in (lambda: nav.run(wrong), lambda: replay.run(wrong, nav, tmp_path / "out")):
             with pytest.raises(cc.InputError, match="no orbit to start from"):
                 go()
+
+
+@pytest.fixture(scope="module")
+def noaa(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("log") / "noaa20"
+    cc.write_log(cc.sample("noaa20"), folder)
+    return folder
+
+
+def command(*words):
+    return cli.main([str(word) for word in words])
+
+
+def test_the_command(noaa, tmp_path, capsys):
+    """More than an orbit: the sign of the attitude goes over the seams, too."""
+    out, memory = tmp_path / "out", tmp_path / "c.json"
+    parts = ["replay", noaa, "--parts", out, "--checkpoint", memory, "--window", 900]
+    assert command(*parts, "--json", tmp_path / "s.json") == 0
+    said = capsys.readouterr().out
+    assert "21,600 fixes, 2 refused; 14,400 rows" in said
+    assert "gyro" not in said
+    log = cc.read_log(noaa)
+    nav = cc.Settings.from_log(log).gnss_navigator()
+    whole, found = nav.run(log), replay.read(out)
+    summary = replay.Summary(**json.loads((tmp_path / "s.json").read_text()))
+    # the first window holds a single star fix
+    assert (summary.windows, summary.parts) == (9, 8)
+    check(found, summary, whole)
+    assert set(found["health"]["sensor"]) == {"position", "velocity", "star"}
+    given = {"window": 900.0, "checkpoint": memory, "interval": 0.0}
+    with cc.open_log(noaa) as stream, pytest.raises(StoppedError):
+        replay.run(stream, nav, tmp_path / "stopped", **given, progress=stopping(4))
+    parts[3] = tmp_path / "stopped"
+    assert command(*parts, "--resume") == 0
+    assert "went on from the checkpoint" in capsys.readouterr().out
+    same(found, replay.read(tmp_path / "stopped"))
+
+
+def test_the_command_refuses(noaa, tmp_path, capsys):
+    parts = ["replay", noaa, "--parts", tmp_path / "out"]
+    assert command(*parts, "--smooth") == 2
+    assert "whole logs alone" in " ".join(capsys.readouterr().err.split())
+    slow = tmp_path / "slow.toml"
+    slow.write_text("[lfe]\namplitudes = [5e-5]\n")
+    assert command(*parts, "--config", slow) == 2
+    assert "lfe.period" in capsys.readouterr().err
 
 
 def test_restarts_without_an_output_row_between(made, nav):
