@@ -457,6 +457,8 @@ def test_what_cannot_be_split_is_refused(made, turning, nav, tmp_path):
     )
     slow = cc.GnssStarNavigator(dynamics=DYNAMICS, lfe=cc.LowFrequencyError(period=5600.0))
     stars = cc.SensorLog(epoch=log.epoch, star=log.stars["star"])
+    orbit = cc.SensorLog(epoch=log.epoch, gnss=log.gnss)
+    arm = cc.GnssStarNavigator(dynamics=DYNAMICS, lever_arm=ARM)
     bare = cc.SensorLog(gnss=log.gnss, star=log.stars["star"])
     for source, navigator, options, words in (
         (log, nav, {"smooth": True}, r"smooth.*nav\.smooth\(log\)"),
@@ -466,6 +468,8 @@ def test_what_cannot_be_split_is_refused(made, turning, nav, tmp_path):
         (log, driven, {}, "gyro.*the log has none"),
         (windows_of(log, 300.0), driven, {"epoch": log.epoch}, "gyro.*the log has none"),
         (two, slow, {}, "lfe.*star_2"),
+        (orbit, arm, {}, "lever_arm.*needs star fixes"),
+        ([], nav, {"epoch": log.epoch}, "gnss.*no GNSS fixes"),
         (stars, nav, {}, "gnss.*no GNSS fixes"),
         (windows_of(stars, 300.0), nav, {"epoch": log.epoch}, "gnss.*no GNSS fixes"),
         (bare, nav, {}, "epoch.*is needed"),

@@ -122,9 +122,7 @@ class GnssForward:
         """Warn of what the whole log has shown."""
         state = self._state
         if state is None:
-            if self._sure or self.waiting.names:
-                raise InputError("is missing: the log has no GNSS fixes", field="gnss")
-            return
+            raise InputError("is missing: the log has no GNSS fixes", field="gnss")
         _run.warn_if_rejected(state.counts)
         if self.nav.lfe is not None and state.attitude is not None:
             nothing = (np.empty(0), np.empty((0, 4)), np.empty((0, 6)), np.empty(0), np.empty(0))
@@ -325,5 +323,10 @@ def _check_names(nav: GnssStarNavigator, names: Sequence[str]) -> None:
     if nav.gyro is not None and "gyro" not in names:
         raise InputError("is missing: the navigator has a gyro, the log has none", field="gyro")
     stars = [name for name in names if table_kind(name) == "star"]
+    if np.any(nav.gnss.lever_arm) and not stars:
+        raise InputError(
+            "needs star fixes that tell the attitude, two at least; or give lever_arm=(0, 0, 0)",
+            field="gnss.lever_arm",
+        )
     if nav.lfe is not None and len(stars) > 1:
         raise InputError(f"is of one star sensor, but the log has {', '.join(stars)}", field="lfe")

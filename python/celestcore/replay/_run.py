@@ -273,6 +273,7 @@ class _Job:
 
     def _finish(self, forward: Forward, summary: Summary) -> None:
         self.parts.sync()
+        forward.finish()
         summary.late = dict(forward.late)
         text = json.dumps({**self.note, **dataclasses.asdict(summary)}, indent=1)
         with replacing(self.out / "summary.json") as temporary:
@@ -287,4 +288,3 @@ class _Job:
                 f"the filter refused {self.options['max_rejected']} fixes running and started "
                 f"again at t = {first}{more} s"
             )
-        forward.finish()
