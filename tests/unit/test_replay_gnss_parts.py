@@ -19,6 +19,7 @@ from celestcore import cli, replay
 from celestcore.gnss import Antennas, GaussMarkov, GnssReceiver, GnssStarScenario
 from celestcore.gnss._earth import Earth
 from celestcore.orbit import ForceModel, OrbitDynamics
+from celestcore.replay import _gnss_piece, _gnss_track, _gnss_waiting
 from celestcore.replay._gnss_waiting import Waiting
 from celestcore.replay._source import stretches
 
@@ -204,6 +205,42 @@ def test_a_gyro_that_begins_late_while_fixes_wait(turning, tmp_path):
     nav = cc.GnssStarNavigator(dynamics=DYNAMICS, gyro=GYRO)
     assert compare(log, nav, tmp_path, windows=(35.0, 510.0)).restarts[0] == 490.0
     assert replay.read(tmp_path / "510")["health"]["t_end"][0] < 500.5
+
+
+@pytest.mark.parametrize("arm", [(0.0, 0.0, 0.0), ARM])
+def test_a_sensor_that_falls_silent_holds_nothing_back_for_long(
+    turning, tmp_path, monkeypatch, arm
+):
+    """It refused a few fixes before: if none follows, the results are those of the whole log."""
+    for module in (_gnss_track, _gnss_waiting):
+        monkeypatch.setattr(module, "MOST_HELD", 300.0)
+    nav = cc.GnssStarNavigator(dynamics=DYNAMICS, lever_arm=arm)
+    t = turning.log.stars["star"].t
+    dead = turned(changed(turning.log, stars=t < 700.0), 660.0)
+    reached, out = [], tmp_path / "out"
+    with pytest.warns(cc.CelestcoreWarning, match="a sensor fell silent"):
+        summary = replay.run(dead, nav, out, window=60.0, progress=reached.append)
+    check(replay.read(out), summary, nav.run(dead))
+    assert max(np.diff(reached)) <= 360.0
+
+
+def test_a_receiver_that_comes_back_starts_again_there(made, nav, tmp_path, monkeypatch):
+    """Not before the rows that are written."""
+    monkeypatch.setattr(_gnss_track, "MOST_HELD", 300.0)
+    jump = moved(made.log, 660.0, np.inf, [300.0, 0.0, 0.0])
+    log = changed(jump, fixes=between(jump.gnss.t, 700.0, 1500.0))
+    sol = nav.run(log)
+    assert sol.restarts[0] == 670.0
+    for window in (60.0, 350.0):
+        with pytest.warns(cc.CelestcoreWarning, match="a sensor fell silent"):
+            summary = replay.run(log, nav, tmp_path / f"{window:g}", window=window)
+        assert summary.restarts[0] == 1510.0
+        rows = replay.read(tmp_path / f"{window:g}")["rows"]
+        np.testing.assert_array_equal(rows["t"], sol.t)
+        early = sol.t < 670.0
+        np.testing.assert_array_equal(rows["x"][early], sol.r[early, 0])
+        at = np.flatnonzero(sol.t == 1600.0)
+        assert abs(rows["x"][at] - sol.r[at, 0]) < 10.0
 
 
 def test_antennas_and_two_star_sensors(made, tmp_path):
@@ -412,6 +449,26 @@ def test_a_killed_replay_goes_on_to_the_same_bits(made, nav, tmp_path):
     assert summary.resumed
     check(found, summary, whole)
     assert not list((tmp_path / "out").rglob("*.tmp*"))
+
+
+def test_tables_of_the_forces_reach_as_far_as_is_known(monkeypatch):
+    """Near the end of the tables of the Earth's orientation they are asked for no farther."""
+    asked = []
+
+    def environment(force, epoch, span, given):
+        asked.append(span[1])
+        if span[1] > 5e5:
+            raise cc.InputError("leaves the table", field="epoch")
+        return {"reach": span[1]}
+
+    monkeypatch.setattr(_gnss_piece, "environment_of", environment)
+    tables = _gnss_piece.Environment(ForceModel(gravity=4), "2026-01-01")
+    assert tables.over(0.0, 1e3)["reach"] == 1e3 + 86400.0
+    assert tables.over(0.0, 5e4)["reach"] == 1e3 + 86400.0
+    assert len(asked) == 2
+    assert tables.over(0.0, 4.5e5)["reach"] == 4.5e5
+    with pytest.raises(cc.InputError, match="leaves the table"):
+        tables.over(0.0, 6e5)
 
 
 def test_what_is_read_again(nav):

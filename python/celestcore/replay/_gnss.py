@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from celestcore import quaternion
-from celestcore._check import FloatArray
+from celestcore._check import FloatArray, warn
 from celestcore._epoch import epoch_string
 from celestcore._tables import table_kind
 from celestcore.errors import InputError
@@ -22,7 +22,7 @@ from celestcore.replay._forward import Made, Source
 from celestcore.replay._gnss_pass import AttitudeDone, AttitudeOver, OrbitDone, OrbitOver
 from celestcore.replay._gnss_piece import NO_ARM, Arm, Environment, GnssPiece, piece_of
 from celestcore.replay._gnss_tables import counts_of, tables_of
-from celestcore.replay._gnss_track import Track
+from celestcore.replay._gnss_track import MOST_HELD, Track
 from celestcore.replay._gnss_waiting import Waiting, log_of
 
 
@@ -92,7 +92,6 @@ class GnssForward:
             **dataclasses.asdict(self._state),
             "reached": self.reached,
             "names": self.waiting.names,
-            "missing": self.waiting.missing,
             "gyro": self.waiting.gyro(),
             "max_gap": None if self.nav.gyro is None else self.nav.gyro.max_gap,
         }
@@ -104,7 +103,6 @@ class GnssForward:
             return
         given = dict(kept)
         self.waiting.reached, self.waiting.names = given.pop("reached"), given.pop("names")
-        self.waiting.missing = given.pop("missing")
         self.waiting.put_gyro(given.pop("gyro"))
         self._fix_gap(given.pop("max_gap"))
         for name in ("orbit", "attitude"):
@@ -179,6 +177,7 @@ class GnssForward:
             return None
         if self._state is None:
             _check_names(self.nav, list(tables))
+        _check_slow_error(self.nav, self.waiting.names)
         log = log_of(tables, self.epoch, first=self._state is None)
         if self._state is None and log.gyro is not None and self.nav.gyro is not None:
             self._fix_gap(self._given_gap)
@@ -217,6 +216,7 @@ class GnssForward:
             for name in {**state.counts, **counts}
         }
         self._state = state
+        self._warn_of_waiting(state)
         self.waiting.drop(end)
         return Made(
             tables,
@@ -226,6 +226,19 @@ class GnssForward:
             log_likelihood=sol.log_likelihood,
             restarts=sorted([*sol.restarts, *sol.attitude_restarts]),
         )
+
+    def _warn_of_waiting(self, state: State) -> None:
+        """Say once that what was written may differ from a run over the whole log."""
+        tracks = [track for track in (state.orbit, state.attitude) if track is not None]
+        waited = self.waiting.waited or any(track.unsure for track in tracks)
+        if waited and "waited" not in self._warned:
+            self._warned.append("waited")
+            warn(
+                f"a sensor fell silent for more than {MOST_HELD:.0f} s just when its next fixes "
+                f"would have told what the last ones are worth (t = {self.reached:.6g} s): the "
+                "replay went on; a run over the whole log may start again there, or turn the lever "
+                "arm otherwise"
+            )
 
     def _take_attitude(
         self, state: State, piece: GnssPiece, done: AttitudeDone, end: float
@@ -323,10 +336,15 @@ def _check_names(nav: GnssStarNavigator, names: Sequence[str]) -> None:
     if nav.gyro is not None and "gyro" not in names:
         raise InputError("is missing: the navigator has a gyro, the log has none", field="gyro")
     stars = [name for name in names if table_kind(name) == "star"]
+    _check_slow_error(nav, stars)
     if np.any(nav.gnss.lever_arm) and not stars:
         raise InputError(
             "needs star fixes that tell the attitude, two at least; or give lever_arm=(0, 0, 0)",
             field="gnss.lever_arm",
         )
+
+
+def _check_slow_error(nav: GnssStarNavigator, names: Sequence[str]) -> None:
+    stars = [name for name in names if table_kind(name) == "star"]
     if nav.lfe is not None and len(stars) > 1:
         raise InputError(f"is of one star sensor, but the log has {', '.join(stars)}", field="lfe")

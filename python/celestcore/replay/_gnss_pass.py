@@ -75,13 +75,13 @@ class OrbitOver:
     def over(self, begin: Track, unused: Unused, n: int, warned: list[str]) -> OrbitDone | None:
         """Go on over the first `n` stops, as far as all is decided."""
         run = self.run(unused)
-        run.warned = bool(warned)
+        run.warned = "orbit" in warned
         stops = begin.stops(self.piece.stops)
         run.stops, run.wanted = stops, stops >= self.piece.stops[0]
         until = n + begin.goes_on
         most = self.nav.max_rejected
         made = advance(run, stops, begin, most, last=self.last, until=until)
-        if run.warned and not warned:
+        if run.warned and "orbit" not in warned:
             warned.append("orbit")
         done = made.done - begin.goes_on
         if done < 1 or not made.segments:

@@ -42,7 +42,7 @@ class Environment:
         """Return tables that reach from a log's first stop to `end`."""
         if end <= self._reach:
             return self._tables
-        for reach in (np.ceil(end / BLOCK) * BLOCK, end):
+        for reach in (np.ceil(end / BLOCK) * BLOCK, end + 86400.0, end):
             try:
                 span = np.array([begin, reach])
                 self._tables = environment_of(self.force, self.epoch, span, None)

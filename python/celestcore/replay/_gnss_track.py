@@ -3,7 +3,8 @@
 On the whole log a filter that refuses `most` fixes running starts again at the first of them, if a
 start is found there; if not, later, at the second, third, fifth, ninth ... such place. So a run of
 refused fixes is not done with before it is known whether it gets so long, and a restart not before
-all fixes that its start looks at are there: what is not decided is held back.
+all fixes that its start looks at are there: what is not decided is held back. But not for ever: a
+sensor that falls silent at such a place would hold back all that follows.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ import numpy as np
 
 from celestcore._check import FloatArray
 from celestcore.gnss._segments import FEWEST_LEFT, Begin, Runs, Segment, runs_of
+
+MOST_HELD = 10800.0
+"""How long anything is held back [s]."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,10 @@ class Track:
     """Number of the place at which to look for a start."""
     running: int = 0
     """Fixes refused running at its end, less those of places that are in `seen`."""
+    waited: bool = False
+    """Whether those were held back for so long that they are done, whatever may follow."""
+    unsure: bool = False
+    """Whether anything was done that is otherwise on the whole log, perhaps."""
 
     @property
     def begin(self) -> Begin:
@@ -62,6 +70,8 @@ class _Cut:
     again: Begin | None
     next: int
     places: FloatArray
+    waited: bool = False
+    unsure: bool = False
 
 
 def advance(
@@ -87,7 +97,7 @@ def advance(
         if cut.again is None:
             return Advance(segments, restarts, cut.end, track)
         restarts.append(float(stops[cut.end]))
-        track, begin = Track(*cut.again), cut.end
+        track, begin = Track(*cut.again, unsure=track.unsure or cut.unsure), cut.end
 
 
 def _cut(
@@ -106,7 +116,9 @@ def _cut(
     if most is None or not len(t):
         return _Cut(until, None, track.next, np.empty(0))
     index = runs_of(_with(track.running, refused), most) - track.running
-    places = t[index[index >= 0]]
+    # one that began before was looked at, or its begin is done because it was held back too long
+    places = t[np.maximum(index, 0) if track.waited else index[index >= 0]]
+    newest = stops[-1]
     if last:
         places = places[runs.left(places) >= FEWEST_LEFT]
     following = track.next
@@ -116,17 +128,21 @@ def _cut(
             return _Cut(until, None, following, places)
         if number != following:
             continue
-        if not last and not runs.decided(float(place)):
+        sure = last or runs.decided(float(place))
+        if not sure and newest - place <= MOST_HELD:
             return _Cut(end, None, following, places)
         # a start in the fixes of which nothing after it is believed would be found again: no use
         again = runs.again(float(place), float(stops[end])) if end > begin else None
         if again is not None:
-            return _Cut(end, again, following, places)
+            return _Cut(end, again, following, places, unsure=not sure)
         following = max(2 * following, following + 1)
     if not last:
-        held = min(_running(track.running, refused) % most, len(t))
-        if held:
-            end = begin + int(np.searchsorted(stops[begin:], t[len(t) - held]))
+        waiting = min(_running(track.running, refused) % most, len(t))
+        if waiting:
+            first = t[len(t) - waiting]
+            if newest - first > MOST_HELD:
+                return _Cut(until, None, following, places, waited=True)
+            end = begin + int(np.searchsorted(stops[begin:], first))
             return _Cut(min(end, until), None, following, places)
     return _Cut(until, None, following, places)
 
@@ -145,6 +161,9 @@ def _after(runs: Runs, track: Track, found: Segment, most: int | None, cut: _Cut
         seen=track.seen + int(np.count_nonzero(cut.places <= out["final_t"])),
         next=cut.next,
         running=0 if most is None else _running(track.running, refused) % most,
+        # a run that goes on over an outage stays one
+        waited=cut.waited or (track.waited and bool(np.all(refused))),
+        unsure=track.unsure or cut.waited,
     )
 
 

@@ -12,6 +12,7 @@ from celestcore._tables import KNOWN, table_kind
 from celestcore.errors import InputError
 from celestcore.gnss import GnssStarNavigator
 from celestcore.log import SensorLog
+from celestcore.replay._gnss_track import MOST_HELD
 from celestcore.replay._source import Tables
 from celestcore.replay._windows import stacked
 
@@ -29,7 +30,8 @@ class Waiting:
         """In the order in which they count, which must not depend on the windows."""
         self.reached = -np.inf
         self.late: dict[str, int] = {}
-        self.missing = 0
+        self.waited = False
+        """Whether something was not waited for any longer."""
         self._rows: dict[str, list[Columns]] = {}
         self._newest = -np.inf
         self._last: dict[str, float] = {}
@@ -73,7 +75,6 @@ class Waiting:
             if lost:
                 self.late[name] = self.late.get(name, 0) + lost
             seen = _present(name, columns)
-            self.missing += int(np.count_nonzero(good & ~seen))
             good &= seen
             if good.all():
                 self._rows.setdefault(name, []).append(tuple(columns))
@@ -83,9 +84,9 @@ class Waiting:
 
     def skip(self, window: Tables) -> None:
         """Add a window that had been read before a checkpoint: what was done is left out."""
-        late, missing = dict(self.late), self.missing
+        late = dict(self.late)
         self.push(window)
-        self.late, self.missing = late, missing
+        self.late = late
 
     def complete(self) -> float:
         """Return the time up to which all is there that a run needs, and nothing more can come."""
@@ -94,7 +95,11 @@ class Waiting:
             # the body's attitude at a fix lies between two star fixes
             own = [n for n in self._rows if table_kind(n) == "star"]
             newest = [self._rows[n][-1][0][-1] - self.offset(n) for n in own]
-            end = min(end, max(newest, default=-np.inf))
+            known = max(newest, default=-np.inf)
+            # a start needs two of them; after it a sensor that falls silent is not waited for long
+            if np.isfinite(self.reached) and known < end - MOST_HELD:
+                known, self.waited = end - MOST_HELD, True
+            end = min(end, known)
         if self.nav.gyro is not None:
             # what holds after a sample depends on the next one
             rows = self._rows.get("gyro")
