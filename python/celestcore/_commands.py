@@ -122,7 +122,10 @@ def replay(
         float, typer.Option("--window", metavar="S", help="With --parts: length of a window in s.")
     ] = 10800.0,
     every: Annotated[
-        int, typer.Option("--every", metavar="N", help="With --parts: a row every N samples.")
+        int,
+        typer.Option(
+            "--every", metavar="N", help="With --parts: a row every N samples, or fixes' times."
+        ),
     ] = 1,
     report: Annotated[
         Optional[Path],  # noqa: UP045

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,16 +63,21 @@ def wanted(log: SensorLog, settings: Settings) -> bool:
 
     It is if it has GNSS fixes and either no gyro, or settings that describe the receiver.
     """
-    return log.gnss is not None and (log.gyro is None or "gnss" in settings.tables)
+    return wanted_of(log.tables, settings)
 
 
-def navigator_of(log: SensorLog, settings: Settings) -> GnssStarNavigator:
-    """Return the navigator, and warn of what of the log or the settings it does not use."""
-    gyro = log.gyro is not None
+def wanted_of(names: Collection[str], settings: Settings) -> bool:
+    """Tell the same from the names of a log's tables."""
+    return "gnss" in names and ("gyro" not in names or "gnss" in settings.tables)
+
+
+def navigator_of(names: Collection[str], settings: Settings) -> GnssStarNavigator:
+    """Return the navigator, and warn of what of a log's tables or the settings it does not use."""
+    gyro = "gyro" in names
     nav = settings.gnss_navigator(gyro=gyro)
     if gyro and nav.gyro is None:
         warn("the gyro is not used: the settings have no table [gyro] that describes it")
-    vectors = [name for name in log.tables if table_kind(name) == "vector"]
+    vectors = [name for name in names if table_kind(name) == "vector"]
     if vectors:
         warn(f"directions are not used together with GNSS fixes: {', '.join(vectors)}")
     if "start" in settings.tables:
@@ -91,7 +97,7 @@ def run(
     """Run the navigator over the log, and the tests."""
     from celestcore.analysis import nadir_pointing
 
-    nav = navigator_of(log, settings)
+    nav = navigator_of(log.tables, settings)
     go = nav.smooth if smooth else nav.run
     grid = None if period is None else _grid(log, nav, period)
     solution = go(log, progress=progress)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from celestcore._files import check_output, replacing
 from celestcore._optional import require
@@ -13,6 +14,10 @@ from celestcore.config import Settings
 from celestcore.errors import InputError
 from celestcore.formats import open_log
 from celestcore.replay import Summary, run
+
+if TYPE_CHECKING:
+    from celestcore.gnss import GnssStarNavigator
+    from celestcore.navigator import StarGyroNavigator
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +61,7 @@ class Parts:
                 options["gate"] = {"probability": self.gate}
             return run(
                 stream,
-                settings.merged(options).navigator(),
+                _navigator(stream.sensors, settings.merged(options)),
                 self.folder,
                 window=self.window,
                 every=self.every,
@@ -68,8 +73,9 @@ class Parts:
 
     def words(self, summary: Summary) -> list[str]:
         """Return what happened as lines for people."""
+        samples = f"{summary.samples:,} gyro samples and " if summary.samples else ""
         out = [
-            f"{summary.samples:,} gyro samples and {summary.fixes:,} fixes, {summary.rejected:,} "
+            f"{samples}{summary.fixes:,} fixes, {summary.rejected:,} "
             f"refused; {summary.rows:,} rows in {summary.parts:,} parts"
         ]
         if summary.resumed:
@@ -83,7 +89,9 @@ class Parts:
             out.append(f"too late for their time and left out: {lost}")
         # after a stop the counts are of all runs together, the time of the last one alone
         timed = not summary.resumed and summary.elapsed_s > 0.0
-        speed = f", {summary.samples / summary.elapsed_s:,.0f} gyro samples/s" if timed else ""
+        what = "gyro samples" if summary.samples else "fixes"
+        done = summary.samples or summary.fixes
+        speed = f", {done / summary.elapsed_s:,.0f} {what}/s" if timed else ""
         out.append(f"{summary.elapsed_s:.1f} s{speed}")
         return out
 
@@ -95,6 +103,15 @@ class Parts:
         elif self.json is not None:
             with replacing(self.json) as temporary:
                 temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def _navigator(names: Collection[str], settings: Settings) -> StarGyroNavigator | GnssStarNavigator:
+    """Return the navigator that a replay of the log as a whole takes."""
+    from celestcore import _gnss_replay
+
+    if _gnss_replay.wanted_of(names, settings):
+        return _gnss_replay.navigator_of(names, settings)
+    return settings.navigator()
 
 
 def replay_parts(

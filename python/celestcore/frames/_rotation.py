@@ -57,30 +57,37 @@ def with_offsets(erfa: Any, start: Instant, t: FloatArray, source: str) -> Float
     return np.stack([x, y, s], axis=-1)
 
 
-def _cip_at(erfa: Any, start: Instant, t: FloatArray, source: str) -> FloatArray:
-    """Return X, Y, s at any times: from hourly nodes where that is less work."""
-    first = np.floor(t.min() / _STEP) - 3.0
-    count = int(np.ceil(t.max() / _STEP) - first) + 5
-    if erfa is None or len(t) <= count:
+def _cip_at(
+    erfa: Any, start: Instant, t: FloatArray, source: str, origin: float | None
+) -> FloatArray:
+    """Return X, Y, s at any times: from hourly nodes where that is less work.
+
+    With an `origin` always from nodes, counted from there: part of a longer row of times that
+    begins at `origin` has the bits that it has in the whole.
+    """
+    low = float(np.floor(t.min() / _STEP)) - 3.0 if len(t) else 0.0
+    count = int(np.ceil(t.max() / _STEP) - low) + 5 if len(t) else 0
+    if erfa is None or len(t) <= (0 if origin is not None else count):
         return with_offsets(erfa, start, t, source)
-    xys = cip(erfa, start, _STEP * (first + np.arange(count)))
-    inside = _lagrange(t / _STEP - first, xys)
+    first = low if origin is None else float(np.floor(origin / _STEP)) - 3.0
+    xys = cip(erfa, start, np.asarray(_STEP * (low + np.arange(count)), dtype=np.float64))
+    inside = _lagrange(t / _STEP - first, xys, int(low - first))
     offsets = _iers.orientation(start, t, source)
     x, y = inside[:, 0] + offsets.dx, inside[:, 1] + offsets.dy
     s = inside[:, 2] + 0.5 * (inside[:, 0] * inside[:, 1] - x * y)
     return np.stack([x, y, s], axis=-1)
 
 
-def _lagrange(u: FloatArray, values: FloatArray) -> FloatArray:
-    """Interpolate rows given at 0, 1, 2 ... to positions u (n,), by 8 points around each."""
-    first = np.clip(np.floor(u).astype(int) - 3, 0, len(values) - 8)
+def _lagrange(u: FloatArray, values: FloatArray, skip: int) -> FloatArray:
+    """Interpolate rows given at skip, skip + 1 ... to positions u (n,), by 8 points around each."""
+    first = np.clip(np.floor(u).astype(int) - 3, skip, skip + len(values) - 8)
     out = np.zeros((len(u), values.shape[1]))
     for j in range(8):
         weight = np.ones_like(u)
         for k in range(8):
             if k != j:
                 weight *= (u - first - k) / (j - k)
-        out += weight[:, None] * values[first + j]
+        out += weight[:, None] * values[first - skip + j]
     return out
 
 
@@ -122,13 +129,17 @@ def tio_locator(start: Instant, t: FloatArray) -> FloatArray:
 
 
 def parts(
-    epoch: Any, t: FloatArray, orientation: str, method: str | None
+    epoch: Any,
+    t: FloatArray,
+    orientation: str,
+    method: str | None,
+    origin: float | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return polar motion W, rotation R3(ERA) and C, each (n, 3, 3)."""
+    """Return polar motion W, rotation R3(ERA) and C, each (n, 3, 3); `origin` as in `_cip_at`."""
     _iers.check(orientation)
     erfa, start = choose(method), instant(epoch)
     eop = _iers.orientation(start, t, orientation)
-    celestial = _celestial(_cip_at(erfa, start, t, orientation))
+    celestial = _celestial(_cip_at(erfa, start, t, orientation, origin))
     spin = _turn(2, earth_rotation_angle(start, t, eop.ut1_tt))
     polar = _turn(0, -eop.yp) @ _turn(1, -eop.xp) @ _turn(2, tio_locator(start, t))
     return polar, spin, celestial

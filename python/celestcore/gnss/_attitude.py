@@ -13,7 +13,7 @@ from celestcore._replay import BIAS_SIGMA
 from celestcore.errors import InputError
 from celestcore.gnss._attitude_start import FIRST, agreeing
 from celestcore.gnss._orbit import COLUMNS, ROWS
-from celestcore.gnss._segments import Begin, in_segments, listed, many_refused, stacked
+from celestcore.gnss._segments import FEWEST_LEFT, Begin, in_segments, listed, many_refused, stacked
 from celestcore.gnss.attitude import gps_attitude
 
 if TYPE_CHECKING:
@@ -174,15 +174,10 @@ class AttitudeRun:
         back: bool,
     ) -> dict[str, Any]:
         """Run over the stops; `frames` is the orbital frame at stops and fixes, if it is used."""
-        fixes = self.fixes
-        self.stops, self.wanted, self.gyro, self.options = stops, wanted, gyro, o
-        self.q = fixes.q
-        if frames is not None:
-            self.q = quaternion.multiply(quaternion.conjugate(frames[1]), fixes.q)
-        self.used = (fixes.t >= stops[0]) & (fixes.t <= stops[-1])
+        self.over(stops, wanted, None if frames is None else frames[1], gyro, o)
         if not self.used.any():
             raise InputError("has no fix inside the span of the log", field="star")
-        start = self._begin(-np.inf, float(stops[0]))
+        start = self.begin(-np.inf, float(stops[0]))
         segments, restarts = in_segments(self, stops, start, back=back)
         if restarts:
             warn(
@@ -193,6 +188,21 @@ class AttitudeRun:
         out = stacked(segments)
         out["restarts"] = restarts
         return out
+
+    def over(
+        self,
+        stops: FloatArray,
+        wanted: Any,
+        frames: FloatArray | None,
+        gyro: FloatArray | None,
+        o: dict[str, Any],
+    ) -> None:
+        """Say what to run over; `frames` is the orbital frame at the fixes, if it is used."""
+        self.stops, self.wanted, self.gyro, self.options = stops, wanted, gyro, o
+        self.q = self.fixes.q
+        if frames is not None:
+            self.q = quaternion.multiply(quaternion.conjugate(frames), self.fixes.q)
+        self.used = (self.fixes.t >= stops[0]) & (self.fixes.t <= stops[-1])
 
     def rows(self, t: float) -> Any:
         """Return the fixes that are used from time t on."""
@@ -226,17 +236,31 @@ class AttitudeRun:
         )
         return out
 
+    def refused(self, out: dict[str, Any], rows: Any) -> tuple[Any, FloatArray]:
+        """Return which fixes were refused, and the times of all."""
+        return ~out["accepted"], np.asarray(self.fixes.t[rows[out["row"]]])
+
+    def left(self, t: Any) -> Any:
+        """Return how many fixes there are from some times on."""
+        used = self.fixes.t[self.used]
+        return len(used) - np.searchsorted(used, t)
+
+    def decided(self, t: float) -> bool:
+        """Tell whether a start in the fixes from time t on rests on none that is to come."""
+        at = self.times(self.rows(t))
+        return len(at) > FIRST and bool(at[-1] > at[FIRST - 1])
+
     def lost(self, out: dict[str, Any], rows: Any) -> FloatArray:
         """Return the times at which too many fixes were refused running."""
-        index, used = rows[out["row"]], self.fixes.t[self.used]
-        t = many_refused(~out["accepted"], self.fixes.t[index], self.nav.max_rejected)
-        return t[len(used) - np.searchsorted(used, t) >= 3]
+        t = many_refused(*self.refused(out, rows), self.nav.max_rejected)
+        return np.asarray(t[self.left(t) >= FEWEST_LEFT])
 
     def again(self, lost: float, t: float) -> Begin | None:
         """Return a start at time t from the fixes from `lost` on."""
-        return self._begin(lost, t)
+        return self.begin(lost, t)
 
-    def _begin(self, after: float, t: float) -> Begin:
+    def begin(self, after: float, t: float) -> Begin:
+        """Find a start in the fixes from `after` on, at time `t`."""
         rows = self.rows(after)
         good = self._good(rows, self.q)
         self.used[np.setdiff1d(rows[:FIRST], good[:FIRST])] = False

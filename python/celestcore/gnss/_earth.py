@@ -16,11 +16,12 @@ class Earth:
     """Matrices from the Earth-fixed frame to the GCRS, and the axis that the Earth turns about.
 
     What was asked for once is kept: in a campaign the same times come in every trial. It can be
-    pickled.
+    pickled. With an `origin`, the first of a log's times [s], some of them have the bits that they
+    have among all of them.
     """
 
-    def __init__(self, epoch: str) -> None:
-        self.epoch = epoch
+    def __init__(self, epoch: str, origin: float | None = None) -> None:
+        self.epoch, self.origin = epoch, origin
         self._known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
     def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -31,7 +32,7 @@ class Earth:
         """
         key = t.tobytes()
         if key not in self._known:
-            polar, spin, celestial = parts(self.epoch, t, "iers", None)
+            polar, spin, celestial = parts(self.epoch, t, "iers", None, self.origin)
             r_ie = np.ascontiguousarray(np.swapaxes(polar @ spin @ celestial, 1, 2))
             self._known[key] = r_ie, np.ascontiguousarray(EARTH_RATE * polar[:, :, 2])
         return self._known[key]

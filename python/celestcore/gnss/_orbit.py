@@ -11,7 +11,7 @@ from celestcore import quaternion
 from celestcore._check import FloatArray, warn
 from celestcore.errors import InputError
 from celestcore.gnss._earth import Earth, GivenEarth
-from celestcore.gnss._segments import Begin, in_segments, listed, many_refused, stacked
+from celestcore.gnss._segments import FEWEST_LEFT, Begin, in_segments, listed, many_refused, stacked
 from celestcore.gnss.start import orbit_start
 from celestcore.orbit.propagate import propagate
 
@@ -215,7 +215,7 @@ class OrbitRun:
                 f"at t = {listed(restarts)} s: a manoeuvre, a jump of the receiver, a wrong r0 "
                 "or v0, or dynamics that are too confident"
             )
-        return _pass(stacked(segments), restarts)
+        return pass_of(stacked(segments), restarts)
 
     def rows(self, t: float) -> Any:
         """Return the fixes that are used from time t on."""
@@ -257,17 +257,28 @@ class OrbitRun:
         )
         return out
 
-    def lost(self, out: dict[str, Any], rows: Any) -> FloatArray:
-        """Return the times at which too many positions were refused running."""
+    def refused(self, out: dict[str, Any], rows: Any) -> tuple[Any, FloatArray]:
+        """Return which positions were refused, and the times of all."""
         index = rows[out["row"]]
         positions = ~self.fixes.velocity[index]
-        refused = ~out["accepted"][positions]
-        t = many_refused(refused, self.fixes.t[index][positions], self.nav.max_rejected)
+        return ~out["accepted"][positions], np.asarray(self.fixes.t[index][positions])
+
+    def left(self, t: Any) -> Any:
+        """Return how many fixes there are from some times on."""
+        return len(self.fixes.epochs) - np.searchsorted(self.fixes.epochs, t)
+
+    def decided(self, t: float) -> bool:
+        """Tell whether a start in the fixes from time t on rests on none that is to come."""
+        return bool(self.left(t) > FIXES_OF_A_START[-1])
+
+    def lost(self, out: dict[str, Any], rows: Any) -> FloatArray:
+        """Return the times at which too many positions were refused running."""
+        t = many_refused(*self.refused(out, rows), self.nav.max_rejected)
         # where fewer fixes than a start takes are left there is nothing to start again from
-        return t[len(self.fixes.epochs) - np.searchsorted(self.fixes.epochs, t) >= 3]
+        return np.asarray(t[self.left(t) >= FEWEST_LEFT])
 
 
-def _pass(out: dict[str, Any], restarts: list[float]) -> OrbitPass:
+def pass_of(out: dict[str, Any], restarts: list[float]) -> OrbitPass:
     measured = {
         "row": out["fix"],
         **{name: out[name] for name in ("nis", "accepted", "innovation", "innovation_sigma")},

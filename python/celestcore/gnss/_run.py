@@ -124,14 +124,14 @@ def replay(
     stops = Stops(np.unique(np.concatenate([fixes.epochs, stars.t])), o["t_output"])
     orbit = _orbit(nav, fixes, log.epoch, stops, o, back)
     # the attitude needs the orbital frame at every stop
-    whole = _Frames(stops.t, orbit)
+    whole = Frames(stops.t, orbit)
     attitude = None
     if len(stars.t):
         attitude = _attitude(nav, log, stars, whole, stops, o, back)
     return _solution(nav, log, (fixes, stars), (whole.of(stops.wanted), attitude), back)
 
 
-class _Frames:
+class Frames:
     """An orbit at all stops, of which the output takes some."""
 
     def __init__(self, t: FloatArray, orbit: OrbitPass) -> None:
@@ -175,7 +175,7 @@ def _attitude(
     nav: GnssStarNavigator,
     log: SensorLog,
     fixes: AttitudeFixes,
-    frames: _Frames,
+    frames: Frames,
     stops: Stops,
     o: dict[str, Any],
     back: bool,
@@ -190,28 +190,37 @@ def _attitude(
     if nav.gyro is None:
         q_io = frames.q_io
         at = np.searchsorted(stops.t, fixes.t)
-        run.blur(_frame_variance(frames.orbit, at))
+        run.blur(frame_variance(frame_sigma2(frames.orbit, at)))
         out = run.run(stops.t, stops.wanted, (q_io, q_io[at]), None, o, back)
         out["q"] = quaternion.multiply(q_io[stops.wanted], out["state"][:, :4])
-        out["rate"] = out["state"][:, 4:7] + _frame_rate(nav, log.epoch, frames, stops, out, o)
+        out["rate"] = out["state"][:, 4:7] + frame_rate(nav, log.epoch, frames, stops, out, o)
         return out
     assert log.gyro is not None
     return _driven(run, log.gyro, stops, o, back)
 
 
-def _frame_variance(orbit: OrbitPass, at: Any) -> FloatArray:
-    """Variance of the orbital frame's corrections from each of some stops to the next (n,) [rad^2].
-
-    While the orbit is still being found its frame turns to and fro, which is no motion of the body.
-    An error of the orbit that stays does not matter: it goes out of the attitude as it came in.
-    """
+def frame_sigma2(orbit: OrbitPass, at: Any) -> FloatArray:
+    """Variance of the orbital frame at some stops (n,) [rad^2]."""
     state, sigma = orbit.state[at], orbit.sigma[at]
     parts = [
         sigma[:, axes].max(axis=1) / np.linalg.norm(state[:, axes], axis=1)
         for axes in (slice(0, 3), slice(3, 6))
     ]
-    known = parts[0] ** 2 + parts[1] ** 2
-    return np.append(0.0, np.maximum(known[:-1] - known[1:], 0.0))
+    return np.asarray(parts[0] ** 2 + parts[1] ** 2)
+
+
+def frame_variance(known: FloatArray, before: float | None = None) -> FloatArray:
+    """Variance of the orbital frame's corrections from each of some fixes to the next (n,) [rad^2].
+
+    While the orbit is still being found its frame turns to and fro, which is no motion of the body.
+    An error of the orbit that stays does not matter: it goes out of the attitude as it came in.
+    `before` is the variance at the fix before the first.
+    """
+    earlier = np.append(np.inf if before is None else before, known)[:-1]
+    variance: FloatArray = np.maximum(earlier - known, 0.0)
+    if before is None:
+        variance[:1] = 0.0
+    return variance
 
 
 def _driven(
@@ -236,10 +245,10 @@ def _driven(
     return out
 
 
-def _frame_rate(
+def frame_rate(
     nav: GnssStarNavigator,
     epoch: str | None,
-    frames: _Frames,
+    frames: Frames,
     stops: Stops,
     out: dict[str, Any],
     o: dict[str, Any],
@@ -273,7 +282,7 @@ def _solution(
 ) -> GnssStarSolution:
     fixes, stars = given
     orbit, attitude = found
-    gnss = _innovations(
+    gnss = innovations(
         orbit.measured,
         fixes.t,
         np.where(fixes.velocity, "velocity", "position"),
@@ -281,15 +290,15 @@ def _solution(
         orbit.measured["row"],
     )
     more: dict[str, Any] = {}
-    seen = _nothing()
+    seen = nothing()
     if attitude is not None:
         names = np.array(stars.names)[stars.sensor]
-        seen = _innovations(attitude, stars.t, names, stars.row, attitude["fix"])
-        more = _attitude_columns(nav, attitude)
+        seen = innovations(attitude, stars.t, names, stars.row, attitude["fix"])
+        more = attitude_columns(nav, attitude)
     if nav.gnss.bias is not None:
         more |= {"gnss_bias": orbit.state[:, 6:9], "sigma_gnss_bias": orbit.sigma[:, 6:9]}
     counts = _counts(log, gnss, seen, stars)
-    _warn_if_rejected(counts)
+    warn_if_rejected(counts)
     return GnssStarSolution(
         t=orbit.t,
         r=orbit.r,
@@ -312,7 +321,7 @@ def _solution(
     )
 
 
-def _attitude_columns(nav: GnssStarNavigator, out: dict[str, Any]) -> dict[str, Any]:
+def attitude_columns(nav: GnssStarNavigator, out: dict[str, Any]) -> dict[str, Any]:
     """Return what the attitude filter says as columns of the solution."""
     n = int(np.sqrt(len(out["final_covariance"])))
     more: dict[str, Any] = {
@@ -332,7 +341,7 @@ def _attitude_columns(nav: GnssStarNavigator, out: dict[str, Any]) -> dict[str, 
     return more
 
 
-def _innovations(
+def innovations(
     measured: Mapping[str, Any], t: FloatArray, kind: Any, row: Any, index: Any
 ) -> Innovations:
     return Innovations(
@@ -346,7 +355,7 @@ def _innovations(
     )
 
 
-def _nothing() -> Innovations:
+def nothing() -> Innovations:
     empty = np.empty(0)
     return Innovations(
         empty,
@@ -377,7 +386,7 @@ def _counts(
     return out
 
 
-def _warn_if_rejected(counts: Mapping[str, int]) -> None:
+def warn_if_rejected(counts: Mapping[str, int]) -> None:
     for name, seen in counts.items():
         refused = counts.get(f"{name}_rejected", 0)
         if refused > max(20, REJECTED * seen):

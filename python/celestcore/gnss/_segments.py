@@ -24,6 +24,15 @@ class Runs(Protocol):
     def go(self, stops: slice, start: Begin, rows: Any, *, back: bool) -> dict[str, Any]:
         """Run over some of the stops."""
 
+    def refused(self, out: dict[str, Any], rows: Any) -> tuple[Any, FloatArray]:
+        """Return which of those that count were refused, and their times."""
+
+    def left(self, t: Any) -> Any:
+        """Return how many fixes there are from some times on."""
+
+    def decided(self, t: float) -> bool:
+        """Tell whether a start in the fixes from time t on rests on none that is to come."""
+
     def lost(self, out: dict[str, Any], rows: Any) -> FloatArray:
         """Return the times from which too many are refused running."""
 
@@ -35,6 +44,8 @@ Segment = tuple[dict[str, Any], Any]
 """The core's answer, and the rows that its own row numbers count in."""
 
 
+FEWEST_LEFT = 3
+"""Fixes that must be left to start again from."""
 FIRST_LOOK, LONGER = 256, 4
 """Stops that a run looks at after a restart, and how many times more if it is not lost there: with
 many restarts each costs what lies between it and the next, not the rest of the log."""
@@ -110,12 +121,17 @@ def _again(
 
 def many_refused(refused: Any, t: FloatArray, most: int | None) -> FloatArray:
     """Return the times at which `most` refused fixes running begin, one after the other."""
+    return np.asarray(t[runs_of(refused, most)])
+
+
+def runs_of(refused: Any, most: int | None) -> Any:
+    """Return where `most` refused fixes running begin, one after the other."""
     if most is None or len(refused) < most:
-        return np.empty(0)
+        return np.empty(0, int)
     first = np.flatnonzero(np.convolve(refused, np.ones(most, int), "valid") == most)
     apart = np.diff(first, prepend=-2) > 1
     stretch = first[apart][np.cumsum(apart) - 1]
-    return np.asarray(t[first[(first - stretch) % most == 0]])
+    return first[(first - stretch) % most == 0]
 
 
 def listed(restarts: list[float]) -> str:
@@ -128,9 +144,13 @@ def stacked(segments: list[Segment]) -> dict[str, Any]:
     """Return the columns of segments one after the other, and the last one's end."""
     out = dict(segments[-1][0])
     outs = [segment for segment, _ in segments]
-    for name in ("t", "state", "sigma", "covariance", "nis", "accepted"):
+    # a segment between two output times has no rows, of no width
+    written = [o for o in outs if len(o["t"])] or outs[-1:]
+    for name in ("t", "state", "sigma", "covariance"):
         if name in out:
-            out[name] = np.concatenate([o[name] for o in outs])
+            out[name] = np.concatenate([o[name] for o in written])
+    for name in ("nis", "accepted"):
+        out[name] = np.concatenate([o[name] for o in outs])
     for name in ("innovation", "innovation_sigma"):
         out[name] = np.concatenate([o[name] for o in outs])
     out["fix"] = np.concatenate([rows[o["row"]] for o, rows in segments])

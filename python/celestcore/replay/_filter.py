@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from celestcore._replay import BIAS_SIGMA
 from celestcore._tables import parts_of
 from celestcore.log import SensorLog
 from celestcore.navigator import GAP_STEPS, StarGyroNavigator
-from celestcore.replay._windows import Piece
+from celestcore.replay._forward import Made, Source, health_table
+from celestcore.replay._windows import Piece, Splicer
 from celestcore.solution import Solution
 
 
@@ -37,47 +39,72 @@ class State:
         return {"t0": self.t, "q0": self.q, "bias0": self.bias, "covariance0": self.covariance}
 
 
-@dataclass
-class Made:
-    """What came of a piece."""
-
-    tables: dict[str, dict[str, Any]]
-    samples: int
-    fixes: int
-    rejected: int
-    log_likelihood: float
-    restarts: list[float] = field(default_factory=list)
+MAX_REJECTED = 20
+"""Measurements refused running that end a filter's belief, unless a replay is told."""
 
 
-class Forward:
+class StarGyroForward:
     """The filter between two pieces: its state, and how much it has refused running."""
 
-    def __init__(self, navigator: StarGyroNavigator, options: dict[str, Any]) -> None:
-        self.navigator, self.options = navigator, options
+    def __init__(
+        self, navigator: StarGyroNavigator, options: Mapping[str, Any], source: Source
+    ) -> None:
+        self.navigator, self.options = navigator, dict(options)
+        if options["max_rejected"] == "default":
+            self.options["max_rejected"] = MAX_REJECTED
+        self.described = repr(navigator)
         self.state: State | None = None
         self.refused = 0
         self._again: float | None = None
         """Time from which the fixes are to be believed again, not the filter."""
+        self._splicer = Splicer(options["every"], options["overlap"], source.epoch)
+        self.push, self.skip = self._splicer.push, self._splicer.skip
 
     @property
     def reached(self) -> float:
         """Time of the state [s]."""
         return -np.inf if self.state is None else self.state.t
 
-    def kept(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
-        assert self.state is not None
+    @property
+    def reading_from(self) -> float:
+        """Time tag before which no row of a log is needed any more [s]."""
+        return self.reached
+
+    @property
+    def late(self) -> dict[str, int]:
+        """Rows that came after their time had passed, by table."""
+        return self._splicer.late
+
+    def kept(self) -> dict[str, Any] | None:
+        """Return what a checkpoint keeps; None before the start."""
+        if self.state is None:
+            return None
         gap = self.navigator.gyro.max_gap
         own = dataclasses.asdict(self.state)
         return {**own, "refused": self.refused, "max_gap": gap, "again": self._again}
 
-    def restore(self, kept: dict[str, Any] | None) -> None:
+    def restore(self, kept: dict[str, Any] | None, late: Mapping[str, int]) -> None:
         """Go on from what a checkpoint kept."""
+        self._splicer.late = dict(late)
         if kept is None:
             return
         self._fix_gap(kept["max_gap"])
         self.refused, self._again = kept["refused"], kept["again"]
         self.state = State(kept["t"], kept["q"], kept["bias"], kept["covariance"])
+        self._splicer.reached = self.reached
+
+    def finish(self) -> None:
+        """Warn of nothing more: the runs over the pieces have done so."""
+
+    def step(self, *, last: bool) -> Made | None:
+        """Go on as far as what is there allows; None if there is not enough for a row."""
+        if self.state is None:
+            begin = self.start_in(self._splicer.look())
+            if begin is None:
+                return None  # no fix to start from yet
+            self._splicer.before = begin
+        piece = self._splicer.take(last=last)
+        return None if piece is None else self.over(piece)
 
     def _fix_gap(self, max_gap: float) -> None:
         """Take one longest step for the whole log: that of its first piece unless it is given."""
@@ -203,19 +230,12 @@ class _Collected:
 
 
 def health(sol: Solution) -> dict[str, Any]:
-    """Return how each sensor fared: measurements, refused ones, mean NIS per degree of freedom."""
-    begin, end = float(sol.t[0]), float(sol.t[-1])
-    out: dict[str, list[Any]] = {
-        name: [] for name in ("t", "t_end", "sensor", "fixes", "rejected", "nis_per_dof")
-    }
+    """Return how each sensor fared over a solution."""
+    sensors = {}
     for number, name in enumerate(sol.sensor_names):
         own = sol.sensor == number
-        ratio = sol.nis[own] / sol.dof[own]
-        values = (begin, end, name, int(own.sum()), int((~sol.accepted[own]).sum()))
-        mean = float(ratio.mean()) if own.any() else np.nan
-        for column, value in zip(out.values(), (*values, mean), strict=True):
-            column.append(value)
-    return {name: np.asarray(column) for name, column in out.items()}
+        sensors[name] = sol.nis[own], sol.dof[own], sol.accepted[own]
+    return health_table((float(sol.t[0]), float(sol.t[-1])), sensors)
 
 
 def _stacked(tables: list[dict[str, Any]]) -> dict[str, Any]:

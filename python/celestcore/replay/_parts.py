@@ -94,7 +94,7 @@ def read(folder: str | os.PathLike[str]) -> dict[str, dict[str, Any]]:
     Returns
     -------
     dict of str to dict of str to ndarray
-        Tables ``rows`` (as `Solution.columns`), ``measurements`` (as
+        Tables ``rows`` (as `Solution.columns` or `GnssStarSolution.columns`), ``measurements`` (as
         `Solution.measurement_columns`) and ``health``.
 
     Raises

@@ -10,22 +10,25 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from celestcore._arguments import checked, count
+from celestcore._arguments import count
 from celestcore._check import number, warn
 from celestcore._files import replacing
 from celestcore.errors import InputError
 from celestcore.formats import LogStream
 from celestcore.formats._windows import Ahead
 from celestcore.log import SensorLog
-from celestcore.navigator import StarGyroNavigator
 from celestcore.replay._checkpoint import Checkpoint, read_checkpoint, write_through
-from celestcore.replay._filter import Forward
+from celestcore.replay._forward import Forward, Source
+from celestcore.replay._kinds import forward_of
 from celestcore.replay._parts import Parts
-from celestcore.replay._source import Stretch, Tables, epoch_of, stretches
-from celestcore.replay._windows import Splicer
+from celestcore.replay._source import Stretch, Tables, epoch_of, names_of, stretches
 from celestcore.solution import package_version
+
+if TYPE_CHECKING:
+    from celestcore.gnss import GnssStarNavigator
+    from celestcore.navigator import StarGyroNavigator
 
 __all__ = ["Summary", "run"]
 
@@ -42,7 +45,8 @@ class Summary:
     rows, parts, windows : int
         Output rows, parts written, windows read; of all runs together if it was resumed.
     samples, fixes, rejected : int
-        Gyro samples used, measurements seen, and refused by the gate.
+        Gyro samples used, measurements seen, and refused by the gate; a GNSS fix with a velocity
+        is two.
     late : dict of str to int
         Measurements and samples that came after their time had passed, by table.
     restarts : list of float
@@ -75,7 +79,7 @@ class Summary:
 
 def run(
     source: SensorLog | LogStream | Iterable[Tables],
-    navigator: StarGyroNavigator,
+    navigator: StarGyroNavigator | GnssStarNavigator,
     out: str | os.PathLike[str],
     *,
     window: float = 3600.0,
@@ -83,7 +87,7 @@ def run(
     innovations: str = "full",
     smooth: bool = False,
     overlap: float = 600.0,
-    max_rejected: int | None = 20,
+    max_rejected: int | Literal["default"] | None = "default",
     checkpoint: str | os.PathLike[str] | None = None,
     interval: float = 30.0,
     resume: bool = False,
@@ -98,15 +102,16 @@ def run(
         A log; a stream of a file by `celestcore.formats.open_log`; or windows in order of time,
         each a mapping from table names to what `SensorLog` takes, for example ``{"gyro": (t,
         rate), "star": (t, q)}``. Windows do not overlap; a sensor may be absent from one.
-    navigator : StarGyroNavigator
-        The filter.
+    navigator : StarGyroNavigator or GnssStarNavigator
+        The filter. The second one starts from the first fixes and is not smoothed in parts; a slow
+        error with harmonics needs `LowFrequencyError(period=...)`.
     out : path
         A folder for the results: tables ``rows``, ``measurements`` and ``health`` as Parquet
         datasets, and ``summary.json`` at the end.
     window : float
         Length of a window of a log or stream [s].
     every : int
-        One output row every so many gyro samples.
+        One output row every so many gyro samples, or fixes' times of a `GnssStarNavigator`.
     innovations : {"full", "nis", "none"}
         What to keep of each measurement.
     smooth : bool
@@ -116,7 +121,8 @@ def run(
         nothing.
     max_rejected : int, optional
         So many measurements refused running end the filter's belief: it starts again from the
-        fixes there, with the bias it had and a sigma as at a start. None: never.
+        fixes there, with the bias it had and a sigma as at a start; 20 by default. None: never. A
+        `GnssStarNavigator` has its own and starts again as in its `run`.
     checkpoint : path, optional
         A file that remembers how far the replay has come.
     interval : float
@@ -153,7 +159,6 @@ def run(
     >>> done.samples
     43195
     """
-    checked(navigator, "navigator", StarGyroNavigator)
     if innovations not in KEPT:
         raise InputError(
             f"must be one of {', '.join(KEPT)}", field="innovations", value=innovations
@@ -163,14 +168,17 @@ def run(
         "innovations": innovations,
         "smooth": bool(smooth),
         "overlap": number(overlap, "overlap", above=0.0) if smooth else 0.0,
-        "max_rejected": None if max_rejected is None else count(max_rejected, "max_rejected"),
+        "max_rejected": max_rejected,
     }
+    if max_rejected is not None and max_rejected != "default":
+        options["max_rejected"] = count(max_rejected, "max_rejected")
     seconds = number(window, "window", above=0.0)
     if isinstance(source, SensorLog | LogStream):
         options["window"] = seconds
     if resume and checkpoint is None:
         raise InputError("is needed to resume", field="checkpoint")
-    job = _Job(navigator, options, epoch_of(source, epoch), Path(out))
+    known = Source(epoch_of(source, epoch), names_of(source))
+    job = _Job(forward_of(navigator, options, known), navigator.filter.kind, known, Path(out))
     memory = (checkpoint, number(interval, "interval", at_least=0.0))
 
     def windows(reached: float) -> Iterator[Stretch]:
@@ -182,13 +190,11 @@ def run(
 class _Job:
     """One replay."""
 
-    def __init__(
-        self, navigator: StarGyroNavigator, options: dict[str, Any], epoch: Any, out: Path
-    ) -> None:
-        self.navigator, self.options, self.epoch, self.out = navigator, options, epoch, out
-        note = {"version": package_version(), "filter": navigator.filter.kind, "options": options}
-        self.note = {**note, "epoch": None if epoch is None else str(epoch)}
-        what = json.dumps(self.note, sort_keys=True) + repr(navigator)
+    def __init__(self, forward: Forward, kind: str, source: Source, out: Path) -> None:
+        self.forward, self.options, self.out = forward, dict(forward.options), out
+        note = {"version": package_version(), "filter": kind, "options": self.options}
+        self.note = {**note, "epoch": None if source.epoch is None else str(source.epoch)}
+        what = json.dumps(self.note, sort_keys=True) + forward.described
         self.digest = hashlib.sha256(what.encode()).hexdigest()
         self.parts = Parts(out, self.note)
 
@@ -203,28 +209,24 @@ class _Job:
         path, interval = memory
         known = self._known(path) if resume else None
         self.parts.begin(0 if known is None else known.parts)
-        splicer = Splicer(self.options["every"], self.options["overlap"], self.epoch)
-        forward = Forward(self.navigator, self.options)
-        summary = Summary()
+        forward, summary = self.forward, Summary()
         if known is not None:
             summary = Summary(**{**known.counts, "resumed": True})
-            forward.restore(known.state)
-            splicer.reached = forward.reached
-            splicer.late = dict(summary.late)
+            forward.restore(known.state, summary.late)
         written = time.monotonic()
-        for window in Ahead(windows(splicer.reached), 1):
+        for window in Ahead(windows(forward.reading_from), 1):
             if known is not None and window.known <= known.upto:
-                splicer.skip(window.tables)
+                forward.skip(window.tables)
                 continue
-            splicer.push(window.tables)
+            forward.push(window.tables)
             summary.windows += 1
-            self._step(splicer, forward, summary, last=False, progress=progress)
+            self._step(forward, summary, last=False, progress=progress)
             if path is not None and time.monotonic() - written >= interval:
-                self._checkpoint(path, window.known, splicer, forward, summary)
+                self._checkpoint(path, window.known, forward, summary)
                 written = time.monotonic()
-        self._step(splicer, forward, summary, last=True, progress=progress)
+        self._step(forward, summary, last=True, progress=progress)
         summary.elapsed_s = time.perf_counter() - began
-        self._finish(splicer, summary)
+        self._finish(forward, summary)
         return summary
 
     def _known(self, path: Any) -> Checkpoint | None:
@@ -241,39 +243,23 @@ class _Job:
             )
         return known
 
-    def _checkpoint(
-        self, path: Any, upto: float, splicer: Splicer, forward: Forward, summary: Summary
-    ) -> None:
+    def _checkpoint(self, path: Any, upto: float, forward: Forward, summary: Summary) -> None:
         self.parts.sync()
-        summary.late = dict(splicer.late)
+        summary.late = dict(forward.late)
         counts = dataclasses.asdict(summary)
-        state = forward.state
-        Checkpoint(
-            self.digest,
-            upto,
-            summary.parts,
-            None if state is None else forward.kept(),
-            counts,
-        ).write(path)
+        Checkpoint(self.digest, upto, summary.parts, forward.kept(), counts).write(path)
 
     def _step(
         self,
-        splicer: Splicer,
         forward: Forward,
         summary: Summary,
         *,
         last: bool,
         progress: Progress | None,
     ) -> None:
-        if forward.state is None:
-            begin = forward.start_in(splicer.look())
-            if begin is None:
-                return  # no fix to start from yet
-            splicer.before = begin
-        piece = splicer.take(last=last)
-        if piece is None:
+        made = forward.step(last=last)
+        if made is None:
             return
-        made = forward.over(piece)
         self.parts.write(summary.parts, made.tables)
         summary.parts += 1
         summary.rows += len(made.tables["rows"]["t"])
@@ -285,9 +271,10 @@ class _Job:
         if progress is not None:
             progress(forward.reached)
 
-    def _finish(self, splicer: Splicer, summary: Summary) -> None:
+    def _finish(self, forward: Forward, summary: Summary) -> None:
         self.parts.sync()
-        summary.late = dict(splicer.late)
+        forward.finish()
+        summary.late = dict(forward.late)
         text = json.dumps({**self.note, **dataclasses.asdict(summary)}, indent=1)
         with replacing(self.out / "summary.json") as temporary:
             write_through(temporary, text.encode())

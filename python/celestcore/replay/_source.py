@@ -41,6 +41,13 @@ def epoch_of(source: Any, epoch: Any) -> Any:
     return source.epoch if isinstance(source, SensorLog | LogStream) else epoch
 
 
+def names_of(source: Any) -> tuple[str, ...] | None:
+    """Return the tables of a source, None if it does not say."""
+    if isinstance(source, SensorLog):
+        return tuple(source.tables)
+    return tuple(source.sensors) if isinstance(source, LogStream) else None
+
+
 def _of_log(log: SensorLog, seconds: float) -> Iterator[Stretch]:
     begin, end = log.span
     parts = {name: parts_of(table) for name, table in log.tables.items()}

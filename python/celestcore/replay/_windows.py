@@ -60,12 +60,12 @@ class Splicer:
 
     def look(self) -> SensorLog | None:
         """Return all that waits as a log, None without a gyro sample."""
-        joined = {name: _joined(parts) for name, parts in self._waiting.items()}
+        joined = {name: stacked(parts) for name, parts in self._waiting.items()}
         return _log(joined, self.epoch) if "gyro" in joined else None
 
     def take(self, *, last: bool) -> Piece | None:
         """Return the next piece, None if there is not enough for one."""
-        joined = {name: _joined(parts) for name, parts in self._waiting.items()}
+        joined = {name: stacked(parts) for name, parts in self._waiting.items()}
         gyro = joined.get("gyro")
         if gyro is None:
             return None
@@ -89,7 +89,8 @@ class Splicer:
         return Piece(tables, joined if self.overlap > 0.0 else None, self.epoch)
 
 
-def _joined(parts: list[tuple[Any, ...]]) -> tuple[Any, ...]:
+def stacked(parts: list[tuple[Any, ...]]) -> tuple[Any, ...]:
+    """Return the rows of several tables as one."""
     if len(parts) == 1:
         return parts[0]
     return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
