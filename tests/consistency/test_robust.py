@@ -212,3 +212,23 @@ def test_settings_describe_it():
     assert (nav.gate, nav.huber, nav.student_t, nav.adaptive) == (0.99, 2.0, None, 200.0)
     with pytest.raises(cc.InputError, match=r"gate\.student_t"):
         cc.Settings.from_dict({"gate": {"student_t": 0.0}})
+
+
+def test_parts_carry_the_scale(tmp_path):
+    """Also past a window in which one camera is silent."""
+    pytest.importorskip("pyarrow")
+    flight = scenario(3.0 * SIGMA)
+    nav = navigator(cc.EKF(), adaptive=100.0, huber=3.0)
+    log = flight.simulate(seed=1).log
+    star = log.stars["star"]
+    other = (star.t > 300.0) & (star.t < 500.0)
+    log = cc.SensorLog(
+        gyro=log.gyro, star=(star.t, star.q), star_2=(star.t[~other] + 0.03, star.q[~other])
+    )
+    whole = nav.run(log)
+    cc.replay.run(
+        log, nav, tmp_path / "out", window=90.0, checkpoint=tmp_path / "c.json", interval=0.0
+    )
+    rows = cc.replay.read(tmp_path / "out")["rows"]
+    np.testing.assert_allclose(rows["bx"], whole.bias[:, 0], rtol=1e-9, atol=1e-16)
+    np.testing.assert_allclose(rows["s_ax"], whole.sigma[:, 0], rtol=1e-9)

@@ -79,7 +79,7 @@ FAULTS = [
     Fault("one of two cameras stuck", stuck, cameras=2),
     Fault("one of two cameras late", late, cameras=2),
     Fault("only camera turned", turned, AMBIGUOUS),
-    Fault("only camera stuck", stuck, AMBIGUOUS),
+    Fault("only camera stuck", stuck),
     Fault("only camera late", late, AMBIGUOUS),
     Fault("cameras swapped", lambda g: faults.swapped(g, "star_1", "star_2"), AMBIGUOUS, 2),
     Fault("only camera drifts", drifting, HIDDEN, noticed=False),

@@ -16,6 +16,7 @@ from celestcore._tables import parts_of
 from celestcore.log import SensorLog
 from celestcore.navigator import GAP_STEPS, StarGyroNavigator
 from celestcore.replay._forward import Made, Source, health_table
+from celestcore.replay._stuck import stuck
 from celestcore.replay._windows import Piece, Splicer
 from celestcore.solution import Solution
 
@@ -28,15 +29,21 @@ class State:
     q: FloatArray
     bias: FloatArray
     covariance: FloatArray
+    noise_scale: Mapping[str, float] | None = None
+    """What each sensor's noise is multiplied by, where it is found as the filter runs."""
 
     @classmethod
-    def of(cls, final: dict[str, Any]) -> State:
-        """Return the state at a solution's end."""
-        return cls(float(final["t"]), final["q"], final["bias"], final["covariance"])
+    def of(cls, final: dict[str, Any], before: State | None) -> State:
+        """Return the state at a solution's end; a sensor that was silent keeps its noise."""
+        scale = final.get("noise_scale")
+        if scale is not None and before is not None:
+            scale = {**(before.noise_scale or {}), **scale}
+        return cls(float(final["t"]), final["q"], final["bias"], final["covariance"], scale)
 
     def options(self) -> dict[str, Any]:
         """Return a run's options that go on from here."""
-        return {"t0": self.t, "q0": self.q, "bias0": self.bias, "covariance0": self.covariance}
+        own = {"t0": self.t, "q0": self.q, "bias0": self.bias, "covariance0": self.covariance}
+        return {**own, "noise_scale0": self.noise_scale}
 
 
 MAX_REJECTED = 20
@@ -90,7 +97,7 @@ class StarGyroForward:
             return
         self._fix_gap(kept["max_gap"])
         self.refused, self._again = kept["refused"], kept["again"]
-        self.state = State(kept["t"], kept["q"], kept["bias"], kept["covariance"])
+        self.state = State(**{f.name: kept[f.name] for f in dataclasses.fields(State)})
         self._splicer.reached = self.reached
 
     def finish(self) -> None:
@@ -132,7 +139,7 @@ class StarGyroForward:
         while log is not None:
             begin, again = self.state, self._again
             sol = self._run(log, begin, again)
-            lost = self._lost(sol)
+            lost = self._lost(sol, log)
             rest = None
             if lost is not None:
                 head, rest = _split(log, lost)
@@ -146,7 +153,7 @@ class StarGyroForward:
             if piece.ahead is not None:
                 shown = self._smoothed(piece.ahead, log, begin, again, float(sol.t[-1]))
             made.add(sol, shown, goes_on=begin is not None)
-            self.state = State.of(sol.final)
+            self.state = State.of(sol.final, begin)
             if lost is None:
                 self._again = None
             log = rest
@@ -156,9 +163,12 @@ class StarGyroForward:
         given: dict[str, Any] = {} if begin is None else begin.options()
         if begin is not None and again is not None:
             # lost: the attitude from the fixes, the bias as it was with a sigma as at a start
-            given = {"bias0": begin.bias, "sigma0": (1.0, BIAS_SIGMA)}
-        keep = "nis" if self.options["innovations"] == "none" else self.options["innovations"]
-        return self.navigator.run(log, every=self.options["every"], innovations=keep, **given)
+            given = {
+                "bias0": begin.bias,
+                "sigma0": (1.0, BIAS_SIGMA),
+                "noise_scale0": begin.noise_scale,
+            }
+        return self.navigator.run(log, every=self.options["every"], **given)
 
     def _smoothed(
         self,
@@ -175,22 +185,27 @@ class StarGyroForward:
         part: Solution = wide[: np.nextafter(end, np.inf)]
         return part
 
-    def _lost(self, sol: Solution) -> float | None:
-        """Return the time of the first of too many measurements that were refused running."""
+    def _lost(self, sol: Solution, log: SensorLog) -> float | None:
+        """Return the time of the first of too many measurements that were refused running.
+
+        Those of a sensor that hangs tell nothing of the filter.
+        """
         most = self.options["max_rejected"]
-        if most is None or not len(sol.accepted):
+        counts = ~stuck(sol, log) if most is not None else np.zeros(0, bool)
+        if most is None or not counts.any():
             return None
-        refused = ~sol.accepted
-        places = np.flatnonzero(sol.accepted)
+        accepted, t = sol.accepted[counts], sol.measurement_t[counts]
+        refused = ~accepted
+        places = np.flatnonzero(accepted)
         before = refused[: places[0]].sum() if len(places) else len(refused)
         # a run of refusals that began in the piece before
         if self.refused and self.refused + before >= most and self.refused < most:
             self.refused = 0
-            return float(sol.measurement_t[0])
+            return float(t[0])
         run = np.convolve(refused, np.ones(most, int), "valid") if len(refused) >= most else None
         if run is not None and (run == most).any():
             self.refused = 0
-            return float(sol.measurement_t[int(np.argmax(run == most))])
+            return float(t[int(np.argmax(run == most))])
         self.refused = int(len(refused) - 1 - places[-1]) if len(places) else self.refused + before
         return None
 
