@@ -8,7 +8,9 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from celestcore.formats import LogStream
 from celestcore.formats._windows import Ahead
 from celestcore.log import SensorLog
 from celestcore.navigator import StarGyroNavigator
+from celestcore.replay._background import Background
 from celestcore.replay._checkpoint import Checkpoint, read_checkpoint, write_through
 from celestcore.replay._filter import Forward
 from celestcore.replay._parts import Parts
@@ -31,6 +34,8 @@ __all__ = ["Summary", "run"]
 
 Progress = Callable[[float], object]
 KEPT = ("full", "nis", "none")
+WAITING = 1
+"""Parts that wait to be written, besides the one that is: each holds a window's rows."""
 
 
 @dataclass
@@ -127,7 +132,8 @@ def run(
     epoch : str or astropy Time, optional
         Where times of windows count from.
     progress : callable, optional
-        ``progress(t)`` with the time reached [s], after each part.
+        ``progress(t)`` with the time reached [s], after each part is filtered; it may still be on
+        its way to the disk.
 
     Returns
     -------
@@ -211,18 +217,24 @@ class _Job:
             forward.restore(known.state)
             splicer.reached = forward.reached
             splicer.late = dict(summary.late)
-        written = time.monotonic()
-        for window in Ahead(windows(splicer.reached), 1):
-            if known is not None and window.known <= known.upto:
-                splicer.skip(window.tables)
-                continue
-            splicer.push(window.tables)
-            summary.windows += 1
-            self._step(splicer, forward, summary, last=False, progress=progress)
-            if path is not None and time.monotonic() - written >= interval:
-                self._checkpoint(path, window.known, splicer, forward, summary)
-                written = time.monotonic()
-        self._step(splicer, forward, summary, last=True, progress=progress)
+        # read, filtered and written side by side; `with` ends both threads whatever happens
+        with (
+            closing(iter(Ahead(windows(splicer.reached), 1))) as ahead,
+            Background(WAITING) as writer,
+        ):
+            written = time.monotonic()
+            for window in ahead:
+                if known is not None and window.known <= known.upto:
+                    splicer.skip(window.tables)
+                    continue
+                splicer.push(window.tables)
+                summary.windows += 1
+                self._step(splicer, forward, summary, writer, last=False, progress=progress)
+                if path is not None and time.monotonic() - written >= interval:
+                    summary.late = dict(splicer.late)
+                    writer.do(self._checkpoint(path, window.known, forward, summary))
+                    written = time.monotonic()
+            self._step(splicer, forward, summary, writer, last=True, progress=progress)
         summary.elapsed_s = time.perf_counter() - began
         self._finish(splicer, summary)
         return summary
@@ -242,25 +254,24 @@ class _Job:
         return known
 
     def _checkpoint(
-        self, path: Any, upto: float, splicer: Splicer, forward: Forward, summary: Summary
-    ) -> None:
-        self.parts.sync()
-        summary.late = dict(splicer.late)
-        counts = dataclasses.asdict(summary)
-        state = forward.state
-        Checkpoint(
-            self.digest,
-            upto,
-            summary.parts,
-            None if state is None else forward.kept(),
-            counts,
-        ).write(path)
+        self, path: Any, upto: float, forward: Forward, summary: Summary
+    ) -> Callable[[], None]:
+        """Return the job that writes a checkpoint of now, when all parts before it are written."""
+        kept = None if forward.state is None else forward.kept()
+        point = Checkpoint(self.digest, upto, summary.parts, kept, dataclasses.asdict(summary))
+
+        def write() -> None:
+            self.parts.sync()
+            point.write(path)
+
+        return write
 
     def _step(
         self,
         splicer: Splicer,
         forward: Forward,
         summary: Summary,
+        writer: Background,
         *,
         last: bool,
         progress: Progress | None,
@@ -274,7 +285,7 @@ class _Job:
         if piece is None:
             return
         made = forward.over(piece)
-        self.parts.write(summary.parts, made.tables)
+        writer.do(partial(self.parts.write, summary.parts, made.tables))
         summary.parts += 1
         summary.rows += len(made.tables["rows"]["t"])
         summary.samples += made.samples
