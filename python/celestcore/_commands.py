@@ -119,8 +119,11 @@ def replay(
         bool, typer.Option("--resume", help="With --checkpoint: go on to the same bits.")
     ] = False,
     window: Annotated[
-        float, typer.Option("--window", metavar="S", help="With --parts: length of a window in s.")
-    ] = 10800.0,
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--window", metavar="S", help="With --parts: length in s; of 100 000 gyro samples."
+        ),
+    ] = None,
     every: Annotated[
         int, typer.Option("--every", metavar="N", help="With --parts: a row every N samples.")
     ] = 1,

@@ -23,7 +23,7 @@ class Parts:
     folder: Path
     checkpoint: Path | None = None
     resume: bool = False
-    window: float = 3600.0
+    window: float | None = None
     every: int = 1
     config: Path | None = None
     filter: str | None = None

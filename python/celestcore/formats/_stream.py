@@ -126,6 +126,18 @@ class LogStream:
         self._ahead = Ahead(items, ahead)
         return iter(self._ahead)
 
+    def _first(self, name: str) -> Columns:
+        """Return the first rows of one sensor, nothing if it has none."""
+        found: Columns = {}
+        for flow in self._pass():
+            while name in flow.lane.sensors and not found:
+                pieces = flow.pull()
+                if pieces is None:
+                    break
+                found = join(pieces[name]) if pieces.get(name) else {}
+        self.close()
+        return found
+
     def read(self) -> SensorLog:
         """Read everything into memory.
 

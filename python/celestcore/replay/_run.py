@@ -26,7 +26,7 @@ from celestcore.replay._background import Background
 from celestcore.replay._checkpoint import Checkpoint, read_checkpoint, write_through
 from celestcore.replay._filter import Forward
 from celestcore.replay._parts import Parts
-from celestcore.replay._source import Stretch, Tables, epoch_of, stretches
+from celestcore.replay._source import Stretch, Tables, epoch_of, stretches, window_of
 from celestcore.replay._windows import Splicer
 from celestcore.solution import package_version
 
@@ -83,7 +83,7 @@ def run(
     navigator: StarGyroNavigator,
     out: str | os.PathLike[str],
     *,
-    window: float = 3600.0,
+    window: float | None = None,
     every: int = 1,
     innovations: str = "full",
     smooth: bool = False,
@@ -108,8 +108,9 @@ def run(
     out : path
         A folder for the results: tables ``rows``, ``measurements`` and ``health`` as Parquet
         datasets, and ``summary.json`` at the end.
-    window : float
-        Length of a window of a log or stream [s].
+    window : float, optional
+        Length of a window of a log or stream [s]; what holds about 100 000 gyro samples unless it
+        is given. Memory grows with it.
     every : int
         One output row every so many gyro samples.
     innovations : {"full", "nis", "none"}
@@ -171,7 +172,7 @@ def run(
         "overlap": number(overlap, "overlap", above=0.0) if smooth else 0.0,
         "max_rejected": None if max_rejected is None else count(max_rejected, "max_rejected"),
     }
-    seconds = number(window, "window", above=0.0)
+    seconds = window_of(source) if window is None else number(window, "window", above=0.0)
     if isinstance(source, SensorLog | LogStream):
         options["window"] = seconds
     if resume and checkpoint is None:
@@ -281,20 +282,18 @@ class _Job:
             if begin is None:
                 return  # no fix to start from yet
             splicer.before = begin
-        piece = splicer.take(last=last)
-        if piece is None:
-            return
-        made = forward.over(piece)
-        writer.do(partial(self.parts.write, summary.parts, made.tables))
-        summary.parts += 1
-        summary.rows += len(made.tables["rows"]["t"])
-        summary.samples += made.samples
-        summary.fixes += made.fixes
-        summary.rejected += made.rejected
-        summary.restarts += made.restarts
-        summary.log_likelihood += made.log_likelihood
-        if progress is not None:
-            progress(forward.reached)
+        while (piece := splicer.take(last=last)) is not None:
+            made = forward.over(piece)
+            writer.do(partial(self.parts.write, summary.parts, made.tables))
+            summary.parts += 1
+            summary.rows += len(made.tables["rows"]["t"])
+            summary.samples += made.samples
+            summary.fixes += made.fixes
+            summary.rejected += made.rejected
+            summary.restarts += made.restarts
+            summary.log_likelihood += made.log_likelihood
+            if progress is not None:
+                progress(forward.reached)
 
     def _finish(self, splicer: Splicer, summary: Summary) -> None:
         self.parts.sync()

@@ -14,6 +14,10 @@ from celestcore.formats import LogStream
 from celestcore.log import SensorLog
 
 Tables = Mapping[str, tuple[Any, ...]]
+SAMPLES = 100_000
+"""Gyro samples in a window of its own length: enough to keep threads and files few and few MB."""
+WITHOUT_GYRO = 3600.0
+_LOOK = 10_000
 
 
 class Stretch(NamedTuple):
@@ -34,6 +38,19 @@ def stretches(source: Any, seconds: float, reached: float) -> Iterator[Stretch]:
     raise InputError(
         "must be a SensorLog, a LogStream or windows of one", field="source", value=type(source)
     )
+
+
+def window_of(source: Any) -> float:
+    """Return the length [s] of a window that holds about `SAMPLES` gyro samples."""
+    t: Any = ()
+    if isinstance(source, LogStream):
+        t = source._first("gyro").get("t", ())
+    elif isinstance(source, SensorLog) and source.gyro is not None:
+        t = source.gyro.t
+    if len(t) < 2:
+        return WITHOUT_GYRO
+    seconds = SAMPLES * float(np.median(np.diff(t[:_LOOK])))
+    return max(float(np.floor(seconds)), 1.0)
 
 
 def epoch_of(source: Any, epoch: Any) -> Any:

@@ -10,6 +10,10 @@ from celestcore.log import SensorLog
 from celestcore.replay._source import Tables
 
 
+MOST = 1 << 17
+"""About so many gyro samples in a piece at most: what they become takes more memory than they."""
+
+
 class Piece:
     """A part of a log that a filter runs over; the first gyro sample is the last of the one before.
 
@@ -64,7 +68,7 @@ class Splicer:
         return SensorLog(epoch=self.epoch, **_filled(joined)) if "gyro" in joined else None
 
     def take(self, *, last: bool) -> Piece | None:
-        """Return the next piece, None if there is not enough for one."""
+        """Return the next piece, None if there is not enough for one; there may be another."""
         joined = {name: _joined(parts) for name, parts in self._waiting.items()}
         gyro = joined.get("gyro")
         if gyro is None:
@@ -75,6 +79,9 @@ class Splicer:
             n = self.before + (n - 1 - self.before) // self.every * self.every + 1
         if n < self.before + 2:
             return None
+        longest = self.before + max(MOST // self.every, 1) * self.every + 1
+        if n > longest and self.overlap == 0.0:
+            n, last = longest, False
         end = float(t[n - 1])
         self.before = 0
         tables, rest = {}, {}
