@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from celestcore import _reading_options as options
 from celestcore import cli
 from celestcore._files import check_output, replacing
 from celestcore.campaign._command import register
@@ -34,7 +35,10 @@ app = typer.Typer(
 
 Log = Annotated[
     Optional[Path],  # noqa: UP045 - typer on Python 3.10 needs it
-    typer.Argument(metavar="LOG", help="Log: a directory of Parquet tables, an .npz or a .csv."),
+    typer.Argument(
+        metavar="LOG",
+        help="A directory of Parquet tables, an .npz, a .csv or what 'celestcore formats' lists.",
+    ),
 ]
 Sample = Annotated[
     Optional[str],  # noqa: UP045
@@ -121,7 +125,7 @@ def replay(
     window: Annotated[
         Optional[float],  # noqa: UP045
         typer.Option(
-            "--window", metavar="S", help="With --parts: length in s; of 100 000 gyro samples."
+            "--window", metavar="S", help="With --parts: length in s; what holds 100 000 samples."
         ),
     ] = None,
     every: Annotated[
@@ -135,8 +139,16 @@ def replay(
         Optional[str],  # noqa: UP045
         typer.Option("--json", metavar="FILE", help="Write the summary; - for standard output."),
     ] = None,
+    format_name: options.FormatName = None,
+    reorder: options.Reorder = None,
+    jump: options.Jump = None,
+    damaged: options.Damaged = None,
+    epoch: options.Epoch = None,
+    stamps: options.StampWords = None,
+    option: options.FormatOptions = None,
 ) -> None:
     """Estimate attitude and gyro bias, or orbit and attitude, over a whole log."""
+    reading = options.chosen(format_name, reorder, jump, damaged, epoch, stamps, option)
     if parts is not None or checkpoint is not None or resume:
         from celestcore._parts_command import replay_parts
 
@@ -145,12 +157,13 @@ def replay(
         replay_parts(
             (log, parts, checkpoint),
             {"resume": resume, "window": window, "every": every, "smooth": smooth},
-            {"config": config, "filter": kind, "gate": gate, "json": json_file},
+            {"config": config, "filter": kind, "gate": gate, "json": json_file, "reading": reading},
             others,
         )
         return
     request = cli.Replay(
-        log, sample, kind, config, gate, period, withhold, output, report, json_file, smooth
+        *(log, sample, kind, config, gate, period, withhold, output, report, json_file, smooth),
+        reading=reading,
     )
     request.check()
     sensors, settings = request.load()
@@ -185,14 +198,22 @@ def info(
         Optional[str],  # noqa: UP045
         typer.Option("--json", metavar="FILE", help="Write it as JSON; - for standard output."),
     ] = None,
+    format_name: options.FormatName = None,
+    reorder: options.Reorder = None,
+    jump: options.Jump = None,
+    damaged: options.Damaged = None,
+    epoch: options.Epoch = None,
+    stamps: options.StampWords = None,
+    option: options.FormatOptions = None,
 ) -> None:
     """Say what a log holds."""
+    reading = options.chosen(format_name, reorder, jump, damaged, epoch, stamps, option)
     target = None if json_file in (None, cli.STDOUT) else json_file
     if target is not None and log is not None and check_output(target, "--json") == log.resolve():
         raise InputError(f"would write into the input {log}", field="--json")
     if target is not None:
         check_output(target, "--json")
-    content = cli.describe_log(cli.load_log(log, sample))
+    content = cli.describe_log(cli.load_log(log, sample, reading))
     text = json.dumps(content, indent=2, default=str) + "\n"
     if json_file == cli.STDOUT:
         sys.stdout.write(text)

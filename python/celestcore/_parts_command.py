@@ -12,6 +12,7 @@ from celestcore._optional import require
 from celestcore.config import Settings
 from celestcore.errors import InputError
 from celestcore.formats import open_log
+from celestcore.io import warn_left_out
 from celestcore.replay import Summary, run
 
 
@@ -30,6 +31,7 @@ class Parts:
     gate: float | None = None
     smooth: bool = False
     json: str | None = None
+    reading: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def check(self) -> None:
         """Refuse what cannot be written, before anything is computed."""
@@ -45,7 +47,7 @@ class Parts:
 
     def run(self, progress: Any = None) -> Summary:
         """Replay the log."""
-        with open_log(self.log) as stream:
+        with open_log(self.log, **self.reading) as stream:
             settings = Settings.from_dict(stream.settings)
             if self.config is not None:
                 settings = settings.merged(Settings.from_toml(self.config))
@@ -54,7 +56,7 @@ class Parts:
                 options["filter"] = {"kind": self.filter}
             if self.gate is not None:
                 options["gate"] = {"probability": self.gate}
-            return run(
+            summary = run(
                 stream,
                 settings.merged(options).navigator(),
                 self.folder,
@@ -65,6 +67,8 @@ class Parts:
                 resume=self.resume,
                 progress=progress,
             )
+            warn_left_out(stream)
+            return summary
 
     def words(self, summary: Summary) -> list[str]:
         """Return what happened as lines for people."""

@@ -126,6 +126,18 @@ class LogStream:
         self._ahead = Ahead(items, ahead)
         return iter(self._ahead)
 
+    def _reading(self) -> dict[str, Any]:
+        """Return how times are read, as far as it is not as usual; for what depends on it."""
+        rules = self._rules
+        stamps = {n: repr(s) for n, s in rules.stamps.items() if s != Stamps()}
+        found: dict[str, Any] = {
+            "reorder": rules.reorder,
+            "jump": rules.jump,
+            "stamps": stamps or None,
+        }
+        found["ranges"] = {n: list(r) for n, r in rules.ranges.items()} or None
+        return {name: value for name, value in found.items() if value is not None}
+
     def _first(self, name: str) -> Columns:
         """Return the first rows of one sensor, nothing if it has none."""
         found: Columns = {}
@@ -327,11 +339,10 @@ def open_log(
         assert found.read is not None
         log = found.read(where, **_with_kind(found, options))
         settings = _settings(where, log)
-        given = dict(log.stamps)
-        if isinstance(stamps, Stamps):
-            given.update({n: stamps for lane in log.lanes for n in lane.sensors})
-        else:
-            given.update(stamps or {})
+        given = {
+            **log.stamps,
+            **_by_sensor(stamps, [n for lane in log.lanes for n in lane.sensors]),
+        }
         said = settings.get("log", {}).get("epoch") if epoch is None else epoch
         rules = replace(rules, epoch=epoch_string(said), stamps=given)
         if rules.epoch is None:
@@ -350,6 +361,18 @@ def _rules(chunk_rows: int, reorder: float | None, jump: float | None, damaged: 
         jump=None if jump is None else number(jump, "jump", above=0.0),
         keep_damaged=damaged == "keep",
     )
+
+
+def _by_sensor(stamps: Any, sensors: list[str]) -> dict[str, Stamps]:
+    if isinstance(stamps, Stamps):
+        return dict.fromkeys(sensors, stamps)
+    for name in stamps or {}:
+        if name not in sensors:
+            has = ", ".join(sensors)
+            raise InputError(
+                f"is no sensor of the log, which has {has}", field="stamps", value=name
+            )
+    return dict(stamps or {})
 
 
 def _with_kind(found: Format, options: dict[str, Any]) -> dict[str, Any]:

@@ -175,6 +175,8 @@ def run(
     seconds = window_of(source) if window is None else number(window, "window", above=0.0)
     if isinstance(source, SensorLog | LogStream):
         options["window"] = seconds
+    if isinstance(source, LogStream) and (reading := source._reading()):
+        options["reading"] = reading
     if resume and checkpoint is None:
         raise InputError("is needed to resume", field="checkpoint")
     job = _Job(navigator, options, epoch_of(source, epoch), Path(out))

@@ -9,7 +9,6 @@ import numpy as np
 from celestcore.log import SensorLog
 from celestcore.replay._source import Tables
 
-
 MOST = 1 << 17
 """About so many gyro samples in a piece at most: what they become takes more memory than they."""
 
