@@ -109,8 +109,8 @@ def run(
         A folder for the results: tables ``rows``, ``measurements`` and ``health`` as Parquet
         datasets, and ``summary.json`` at the end.
     window : float, optional
-        Length of a window of a log or stream [s]; what holds about 100 000 gyro samples unless it
-        is given. Memory grows with it.
+        Length of a window of a log or stream [s]; what holds about 100 000 gyro samples, or
+        200 000 with `every`, unless it is given. Memory grows with it.
     every : int
         One output row every so many gyro samples.
     innovations : {"full", "nis", "none"}
@@ -172,7 +172,11 @@ def run(
         "overlap": number(overlap, "overlap", above=0.0) if smooth else 0.0,
         "max_rejected": None if max_rejected is None else count(max_rejected, "max_rejected"),
     }
-    seconds = window_of(source) if window is None else number(window, "window", above=0.0)
+    seconds = (
+        window_of(source, options["every"])
+        if window is None
+        else number(window, "window", above=0.0)
+    )
     if isinstance(source, SensorLog | LogStream):
         options["window"] = seconds
     if isinstance(source, LogStream) and (reading := source._reading()):

@@ -10,7 +10,8 @@ from celestcore.log import SensorLog
 from celestcore.replay._source import Tables
 
 MOST = 1 << 17
-"""About so many gyro samples in a piece at most: what they become takes more memory than they."""
+"""About so many gyro samples in a piece at most, twice that where not each becomes a row: what they
+become takes more memory than they."""
 
 
 class Piece:
@@ -78,7 +79,8 @@ class Splicer:
             n = self.before + (n - 1 - self.before) // self.every * self.every + 1
         if n < self.before + 2:
             return None
-        longest = self.before + max(MOST // self.every, 1) * self.every + 1
+        most = MOST * min(self.every, 2)
+        longest = self.before + max(most // self.every, 1) * self.every + 1
         if n > longest and self.overlap == 0.0:
             n, last = longest, False
         end = float(t[n - 1])
