@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 from collections.abc import Iterator
@@ -17,9 +16,7 @@ from rich.table import Table
 
 from celestcore import _reading_options as options
 from celestcore import cli
-from celestcore._files import check_output, replacing
 from celestcore.campaign._command import register
-from celestcore.errors import InputError
 from celestcore.solution import package_version
 from celestcore.summary import headline, spell_time, summary
 from celestcore.units import ARCSEC, DEG_PER_HOUR
@@ -207,21 +204,10 @@ def info(
     option: options.FormatOptions = None,
 ) -> None:
     """Say what a log holds."""
+    from celestcore._info_command import tell
+
     reading = options.chosen(format_name, reorder, jump, damaged, epoch, stamps, option)
-    target = None if json_file in (None, cli.STDOUT) else json_file
-    if target is not None and log is not None and check_output(target, "--json") == log.resolve():
-        raise InputError(f"would write into the input {log}", field="--json")
-    if target is not None:
-        check_output(target, "--json")
-    content = cli.describe_log(cli.load_log(log, sample, reading))
-    text = json.dumps(content, indent=2, default=str) + "\n"
-    if json_file == cli.STDOUT:
-        sys.stdout.write(text)
-        return
-    if target is not None:
-        with replacing(target) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    _show_info(Console(highlight=False, markup=False), content)
+    tell(log, sample, json_file, reading)
 
 
 @app.command(epilog="Example: celestcore formats --json -")
@@ -463,32 +449,3 @@ def _numbers(values: list[Any], unit: float = 1.0) -> str:
         f"{value / unit:.4g}" if isinstance(value, int | float) else str(value or "n/a")
         for value in values
     )
-
-
-def _show_info(console: Console, content: dict[str, Any]) -> None:
-    """Print a log's tables and settings."""
-    console.print(content["title"] or "untitled log", style="bold")
-    console.print(f"start (t = 0): {content['epoch'] or 'not given'}")
-    console.print(f"length: {spell_time(content['span_s'])}")
-    for name, frame in content["frames"].items():
-        console.print(f"{name} frame: {frame}")
-    table = Table("table", box=None, pad_edge=False, header_style="bold")
-    headings = ("rows", "missing", "from [s]", "to [s]", "step [s]", "longest step [s]", "gaps")
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    for name, row in content["tables"].items():
-        table.add_row(
-            name,
-            f"{row['rows']:,}",
-            f"{row['missing']:,}",
-            *(
-                "n/a" if row[key] is None else f"{row[key]:.10g}"
-                for key in ("t_first", "t_last", "step_median_s", "step_max_s")
-            ),
-            f"{row['gaps']:,}",
-        )
-    console.print(table)
-    for section, values in content["settings"].items():
-        if section not in ("log", "frames"):
-            words = ", ".join(f"{key} = {value}" for key, value in values.items())
-            console.print(f"{section}: {words}", soft_wrap=True)

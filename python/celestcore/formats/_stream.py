@@ -18,7 +18,7 @@ from celestcore.errors import InputError, LogFormatError
 from celestcore.formats._flow import Flow, Rules
 from celestcore.formats._model import CHUNK_ROWS, ROW, Columns, Source, faults, name_of
 from celestcore.formats._registry import Format, choose
-from celestcore.formats._stamps import Stamps, epoch_of
+from celestcore.formats._stamps import Stamps, by_sensor, epoch_of
 from celestcore.formats._timeline import SensorReport, join
 from celestcore.formats._windows import Ahead, Window, windows
 from celestcore.log import SensorLog
@@ -341,7 +341,7 @@ def open_log(
         settings = _settings(where, log)
         given = {
             **log.stamps,
-            **_by_sensor(stamps, [n for lane in log.lanes for n in lane.sensors]),
+            **by_sensor(stamps, [n for lane in log.lanes for n in lane.sensors]),
         }
         said = settings.get("log", {}).get("epoch") if epoch is None else epoch
         rules = replace(rules, epoch=epoch_string(said), stamps=given)
@@ -361,18 +361,6 @@ def _rules(chunk_rows: int, reorder: float | None, jump: float | None, damaged: 
         jump=None if jump is None else number(jump, "jump", above=0.0),
         keep_damaged=damaged == "keep",
     )
-
-
-def _by_sensor(stamps: Any, sensors: list[str]) -> dict[str, Stamps]:
-    if isinstance(stamps, Stamps):
-        return dict.fromkeys(sensors, stamps)
-    for name in stamps or {}:
-        if name not in sensors:
-            has = ", ".join(sensors)
-            raise InputError(
-                f"is no sensor of the log, which has {has}", field="stamps", value=name
-            )
-    return dict(stamps or {})
 
 
 def _with_kind(found: Format, options: dict[str, Any]) -> dict[str, Any]:

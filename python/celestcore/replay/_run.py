@@ -165,7 +165,7 @@ def run(
         raise InputError(
             f"must be one of {', '.join(KEPT)}", field="innovations", value=innovations
         )
-    options = {
+    options: dict[str, Any] = {
         "every": count(every, "every"),
         "innovations": innovations,
         "smooth": bool(smooth),
