@@ -24,10 +24,11 @@ def write(folder: Path, days: int, rate: float = 10.0, day: float = 86400.0) -> 
     shifted, goes on where the day before ended.
     """
     rng = np.random.default_rng(7)
-    n, turn = int(round(day * rate)), 2.0 * np.pi * round(day / 5760.0) / day
+    n, turn = round(day * rate), 2.0 * np.pi * round(day / 5760.0) / day
     t = np.arange(n) / rate
     noise = ARW * np.sqrt(rate) * rng.standard_normal((n, 3))
-    gyro = [values.copy() for values in (noise + [0.0, -turn, 0.0]).T]
+    noise[:, 1] -= turn
+    gyro = [values.copy() for values in noise.T]
     half = -0.5 * turn * t[::10]
     zero = np.zeros_like(half)
     q = np.stack([np.cos(half), zero, np.sin(half), zero], axis=1)

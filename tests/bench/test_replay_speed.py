@@ -2,8 +2,10 @@
 
 In the same run: pyarrow alone reading the log, the filter over arrays in memory, and the replay
 from disk to disk. Reading, filtering and writing go on side by side, so the slower one should set
-the pace: 70 % of what pyarrow alone reads, or 75 % of the filter's speed. CELESTCORE_BENCH_DAYS
-sets the length of the log, 7 days unless it is given.
+the pace: 70 % of what pyarrow alone reads, or 75 % of the filter's speed. Whether that is met is
+printed, not asserted: it depends on the processors that are free. The work of all threads together
+must fit into the time; what it needs is printed beside it. CELESTCORE_BENCH_DAYS sets the length
+of the log, 7 days unless it is given.
 """
 
 from __future__ import annotations
@@ -41,10 +43,10 @@ def alone(log: Path) -> None:
             [column.to_numpy() for column in batch]
 
 
-def in_parts(log: Path, out: Path, every: int) -> None:
+def in_parts(log: Path, out: Path, every: int) -> cc.replay.Summary:
     shutil.rmtree(out, ignore_errors=True)
     with cc.open_log(log) as stream:
-        cc.replay.run(stream, long_log.navigator(), out, every=every)
+        return cc.replay.run(stream, long_log.navigator(), out, every=every)
 
 
 def best(works: dict[str, Callable[[], object]]) -> dict[str, tuple[float, float]]:
@@ -63,6 +65,7 @@ def test_the_slower_of_reading_and_filtering_sets_the_pace(log: Path, tmp_path: 
     whole, nav, out = cc.read_log(log), long_log.navigator(), tmp_path / "out"
     assert whole.gyro is not None
     samples = len(whole.gyro)
+    done = {every: in_parts(log, out, every) for every in EVERY}
     works: dict[str, Callable[[], object]] = {"pyarrow alone": lambda: alone(log)}
     for every in EVERY:
         works[f"filter, every={every}"] = lambda every=every: nav.run(whole, every=every)
@@ -72,11 +75,15 @@ def test_the_slower_of_reading_and_filtering_sets_the_pace(log: Path, tmp_path: 
     print(f"\n{samples:,} samples, {size:.0f} MB, {os.cpu_count()} processors")
     for name, (took, used) in found.items():
         print(f"{name:18} {samples / took / 1e6:6.2f} million/s  {used:5.2f} s of processor")
-    shares = {}
     for every in EVERY:
-        took = found[f"parts, every={every}"][0]
+        took, used = found[f"parts, every={every}"]
         reading = found["pyarrow alone"][0] / took
         filtering = found[f"filter, every={every}"][0] / took
-        shares[every] = max(reading / OF_READING, filtering / OF_FILTER)
-        print(f"every={every}: {filtering:.2f} of the filter, {reading:.2f} of pyarrow")
-    assert shares
+        met = reading >= OF_READING or filtering >= OF_FILTER
+        # what all threads together work, over the time that the target leaves them
+        needs = used / (found[f"filter, every={every}"][0] / OF_FILTER)
+        print(
+            f"every={every}: {filtering:.2f} of the filter, {reading:.2f} of pyarrow, "
+            f"{'met' if met else 'not met'}; the target takes {needs:.1f} processors of its own"
+        )
+        assert done[every].samples == samples
