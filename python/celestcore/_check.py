@@ -35,7 +35,9 @@ def _is_ours(package: str | None) -> bool:
     return (package or "").partition(".")[0] == (__package__ or "").partition(".")[0]
 
 
-def array(value: Any, field: str, shape: Sequence[int | None] | None = None) -> FloatArray:
+def array(
+    value: Any, field: str, shape: Sequence[int | None] | None = None, *, copy: bool = True
+) -> FloatArray:
     """Copy anything array-like to a fresh C-ordered float64 array.
 
     Parameters
@@ -47,11 +49,13 @@ def array(value: Any, field: str, shape: Sequence[int | None] | None = None) -> 
         The name that messages use.
     shape : sequence of int or None, optional
         The shape that is needed; None stands for any length.
+    copy : bool
+        Whether an array that is already as it should be is copied.
 
     Returns
     -------
     ndarray
-        float64, C order, sharing no memory with `value`.
+        float64, C order, sharing no memory with `value` unless `copy` is false.
 
     Raises
     ------
@@ -63,7 +67,8 @@ def array(value: Any, field: str, shape: Sequence[int | None] | None = None) -> 
     >>> array([[1, 2, 3]], "gyro.rate", (None, 3))
     array([[1., 2., 3.]])
     """
-    out = _numbers(value, field)
+    plain = type(value) is np.ndarray and value.dtype == np.float64 and value.flags.c_contiguous
+    out = value if plain and not copy else _numbers(value, field)
     if shape is not None:
         _check_shape(out, field, tuple(shape))
     return out
@@ -156,7 +161,7 @@ def number(
     return result
 
 
-def times(value: Any, field: str) -> FloatArray:
+def times(value: Any, field: str, *, copy: bool = True) -> FloatArray:
     """Return times [s] (n,), n > 0, finite and strictly increasing.
 
     Raises
@@ -164,7 +169,7 @@ def times(value: Any, field: str) -> FloatArray:
     InputError
         Names the first row that is empty, not finite, repeated or going back.
     """
-    t = array(value, field, (None,))
+    t = array(value, field, (None,), copy=copy)
     if t.size == 0:
         raise InputError("is empty; leave the sensor out if it has no samples", field=field)
     if bool((t[1:] > t[:-1]).all()) and bool(np.isfinite(t[0]) and np.isfinite(t[-1])):

@@ -119,12 +119,12 @@ def parts_from_columns(table: str, columns: Mapping[str, Any]) -> tuple[FloatArr
     array([[1., 2., 3.]])
     """
     groups = groups_present(table, [str(c) for c in columns])
-    t = array(columns["t"], f"{table}.t", (None,))
+    t = array(columns["t"], f"{table}.t", (None,), copy=False)  # a log copies what it takes
     parts = [t]
     for group in groups:
         if group is None:
             continue
-        values = [array(columns[c], f"{table}.{c}", (None,)) for c in group]
+        values = [array(columns[c], f"{table}.{c}", (None,), copy=False) for c in group]
         for name, value in zip(group, values, strict=True):
             if len(value) != len(t):
                 raise InputError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 from collections.abc import Iterator
@@ -15,10 +14,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from celestcore import _reading_options as options
 from celestcore import cli
-from celestcore._files import check_output, replacing
 from celestcore.campaign._command import register
-from celestcore.errors import InputError
 from celestcore.solution import package_version
 from celestcore.summary import headline, spell_time, summary
 from celestcore.units import ARCSEC, DEG_PER_HOUR
@@ -34,7 +32,10 @@ app = typer.Typer(
 
 Log = Annotated[
     Optional[Path],  # noqa: UP045 - typer on Python 3.10 needs it
-    typer.Argument(metavar="LOG", help="Log: a directory of Parquet tables, an .npz or a .csv."),
+    typer.Argument(
+        metavar="LOG",
+        help="A directory of Parquet tables, an .npz, a .csv or what 'celestcore formats' lists.",
+    ),
 ]
 Sample = Annotated[
     Optional[str],  # noqa: UP045
@@ -119,8 +120,11 @@ def replay(
         bool, typer.Option("--resume", help="With --checkpoint: go on to the same bits.")
     ] = False,
     window: Annotated[
-        float, typer.Option("--window", metavar="S", help="With --parts: length of a window in s.")
-    ] = 10800.0,
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--window", metavar="S", help="With --parts: length in s; what holds 100 000 samples."
+        ),
+    ] = None,
     every: Annotated[
         int,
         typer.Option(
@@ -135,8 +139,16 @@ def replay(
         Optional[str],  # noqa: UP045
         typer.Option("--json", metavar="FILE", help="Write the summary; - for standard output."),
     ] = None,
+    format_name: options.FormatName = None,
+    reorder: options.Reorder = None,
+    jump: options.Jump = None,
+    damaged: options.Damaged = None,
+    epoch: options.Epoch = None,
+    stamps: options.StampWords = None,
+    option: options.FormatOptions = None,
 ) -> None:
     """Estimate attitude and gyro bias, or orbit and attitude, over a whole log."""
+    reading = options.chosen(format_name, reorder, jump, damaged, epoch, stamps, option)
     if parts is not None or checkpoint is not None or resume:
         from celestcore._parts_command import replay_parts
 
@@ -145,12 +157,13 @@ def replay(
         replay_parts(
             (log, parts, checkpoint),
             {"resume": resume, "window": window, "every": every, "smooth": smooth},
-            {"config": config, "filter": kind, "gate": gate, "json": json_file},
+            {"config": config, "filter": kind, "gate": gate, "json": json_file, "reading": reading},
             others,
         )
         return
     request = cli.Replay(
-        log, sample, kind, config, gate, period, withhold, output, report, json_file, smooth
+        *(log, sample, kind, config, gate, period, withhold, output, report, json_file, smooth),
+        reading=reading,
     )
     request.check()
     sensors, settings = request.load()
@@ -185,22 +198,19 @@ def info(
         Optional[str],  # noqa: UP045
         typer.Option("--json", metavar="FILE", help="Write it as JSON; - for standard output."),
     ] = None,
+    format_name: options.FormatName = None,
+    reorder: options.Reorder = None,
+    jump: options.Jump = None,
+    damaged: options.Damaged = None,
+    epoch: options.Epoch = None,
+    stamps: options.StampWords = None,
+    option: options.FormatOptions = None,
 ) -> None:
     """Say what a log holds."""
-    target = None if json_file in (None, cli.STDOUT) else json_file
-    if target is not None and log is not None and check_output(target, "--json") == log.resolve():
-        raise InputError(f"would write into the input {log}", field="--json")
-    if target is not None:
-        check_output(target, "--json")
-    content = cli.describe_log(cli.load_log(log, sample))
-    text = json.dumps(content, indent=2, default=str) + "\n"
-    if json_file == cli.STDOUT:
-        sys.stdout.write(text)
-        return
-    if target is not None:
-        with replacing(target) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    _show_info(Console(highlight=False, markup=False), content)
+    from celestcore._info_command import tell
+
+    reading = options.chosen(format_name, reorder, jump, damaged, epoch, stamps, option)
+    tell(log, sample, json_file, reading)
 
 
 @app.command(epilog="Example: celestcore formats --json -")
@@ -442,32 +452,3 @@ def _numbers(values: list[Any], unit: float = 1.0) -> str:
         f"{value / unit:.4g}" if isinstance(value, int | float) else str(value or "n/a")
         for value in values
     )
-
-
-def _show_info(console: Console, content: dict[str, Any]) -> None:
-    """Print a log's tables and settings."""
-    console.print(content["title"] or "untitled log", style="bold")
-    console.print(f"start (t = 0): {content['epoch'] or 'not given'}")
-    console.print(f"length: {spell_time(content['span_s'])}")
-    for name, frame in content["frames"].items():
-        console.print(f"{name} frame: {frame}")
-    table = Table("table", box=None, pad_edge=False, header_style="bold")
-    headings = ("rows", "missing", "from [s]", "to [s]", "step [s]", "longest step [s]", "gaps")
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    for name, row in content["tables"].items():
-        table.add_row(
-            name,
-            f"{row['rows']:,}",
-            f"{row['missing']:,}",
-            *(
-                "n/a" if row[key] is None else f"{row[key]:.10g}"
-                for key in ("t_first", "t_last", "step_median_s", "step_max_s")
-            ),
-            f"{row['gaps']:,}",
-        )
-    console.print(table)
-    for section, values in content["settings"].items():
-        if section not in ("log", "frames"):
-            words = ", ".join(f"{key} = {value}" for key, value in values.items())
-            console.print(f"{section}: {words}", soft_wrap=True)

@@ -13,6 +13,7 @@ from celestcore._optional import require
 from celestcore.config import Settings
 from celestcore.errors import InputError
 from celestcore.formats import open_log
+from celestcore.io import warn_left_out
 from celestcore.replay import Summary, run
 
 if TYPE_CHECKING:
@@ -28,13 +29,14 @@ class Parts:
     folder: Path
     checkpoint: Path | None = None
     resume: bool = False
-    window: float = 3600.0
+    window: float | None = None
     every: int = 1
     config: Path | None = None
     filter: str | None = None
     gate: float | None = None
     smooth: bool = False
     json: str | None = None
+    reading: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def check(self) -> None:
         """Refuse what cannot be written, before anything is computed."""
@@ -50,7 +52,7 @@ class Parts:
 
     def run(self, progress: Any = None) -> Summary:
         """Replay the log."""
-        with open_log(self.log) as stream:
+        with open_log(self.log, **self.reading) as stream:
             settings = Settings.from_dict(stream.settings)
             if self.config is not None:
                 settings = settings.merged(Settings.from_toml(self.config))
@@ -59,7 +61,7 @@ class Parts:
                 options["filter"] = {"kind": self.filter}
             if self.gate is not None:
                 options["gate"] = {"probability": self.gate}
-            return run(
+            summary = run(
                 stream,
                 _navigator(stream.sensors, settings.merged(options)),
                 self.folder,
@@ -70,6 +72,8 @@ class Parts:
                 resume=self.resume,
                 progress=progress,
             )
+            warn_left_out(stream)
+            return summary
 
     def words(self, summary: Summary) -> list[str]:
         """Return what happened as lines for people."""

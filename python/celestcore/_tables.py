@@ -134,8 +134,12 @@ def table_kind(name: str) -> str | None:
     return kind if kind == "vector" and named else None
 
 
-def build_table(name: str, parts: Sequence[Any], *, scalar_first: bool = True) -> Table:
+def build_table(
+    name: str, parts: Sequence[Any], *, scalar_first: bool = True, copy: bool = True
+) -> Table:
     """Check the arrays of one sensor, drop the rows with a missing measurement, freeze.
+
+    Without `copy` a gyro's arrays, which are many and need no change, are taken as they are.
 
     Raises
     ------
@@ -144,7 +148,7 @@ def build_table(name: str, parts: Sequence[Any], *, scalar_first: bool = True) -
     """
     kind = table_kind(name)
     if kind == "gyro":
-        table: Table = _gyro(name, parts)
+        table: Table = _gyro(name, parts, copy)
     elif kind == "star":
         table = _star(name, parts, scalar_first)
     elif kind == "vector":
@@ -161,10 +165,10 @@ def build_table(name: str, parts: Sequence[Any], *, scalar_first: bool = True) -
     return table
 
 
-def _gyro(name: str, parts: Sequence[Any]) -> GyroTable:
+def _gyro(name: str, parts: Sequence[Any], copy: bool) -> GyroTable:
     t_in, rate_in = unpack(name, parts, "t, rate", 2)
-    t = times(t_in, f"{name}.t")
-    rate = array(rate_in, f"{name}.rate", (None, 3))
+    t = times(t_in, f"{name}.t", copy=copy)
+    rate = array(rate_in, f"{name}.rate", (None, 3), copy=copy)
     same_length(f"{name}.rate", rate, t, name)
     good, kept, (t, rate) = drop_missing(name, t, rate)
     return GyroTable(t=t, rate=rate, missing=count_missing(good), kept=kept)

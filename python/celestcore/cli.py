@@ -9,9 +9,9 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -124,6 +124,7 @@ class Replay:
     report: Path | None = None
     json: str | None = None
     smooth: bool = False
+    reading: Mapping[str, Any] = field(default_factory=dict)
 
     def check(self) -> None:
         """Refuse what cannot be written, before anything is computed.
@@ -179,7 +180,7 @@ class Replay:
         """Read the log and its settings; --config wins over them, options win over both."""
         from celestcore.config import Settings
 
-        log = load_log(self.log, self.sample)
+        log = load_log(self.log, self.sample, self.reading)
         if log.gyro is None and log.gnss is None:
             holds = ", ".join(log.tables)
             raise InputError(
@@ -298,24 +299,32 @@ class Replay:
         return [(names[option], path) for option, path in self._outputs()]
 
 
-def load_log(log: Path | None, sample: str | None) -> SensorLog:
-    """Read a log by path, or one that celestcore ships by name.
+def load_log(
+    log: Path | None, sample: str | None, reading: Mapping[str, Any] | None = None
+) -> SensorLog:
+    """Read a log by path, as `read_log` does, or one that celestcore ships by name.
 
     Raises
     ------
     InputError
-        If both or neither are given, or the sample is unknown.
+        If both or neither are given, the sample is unknown, or it is to be read in another way.
     """
     if (log is None) == (sample is None):
         raise InputError("give either a LOG or --sample NAME (for example --sample fermi)")
     if sample is not None:
+        if reading:
+            raise InputError(
+                f"goes with a LOG: how the sample is read ({', '.join(reading)}) is known",
+                field="--sample",
+                value=sample,
+            )
         from celestcore.samples import sample as load_sample
 
         return load_sample(sample)
     from celestcore.io import read_log
 
     assert log is not None
-    return read_log(log)
+    return read_log(log, **(reading or {}))
 
 
 def describe_log(log: SensorLog) -> dict[str, Any]:

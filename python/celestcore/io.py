@@ -36,7 +36,7 @@ from celestcore._tables import table_kind
 from celestcore._toml import dump_toml
 from celestcore.errors import LogFormatError
 from celestcore.formats._hdf5 import write_hdf5
-from celestcore.formats._stream import open_log
+from celestcore.formats._stream import LogStream, open_log
 from celestcore.log import SensorLog
 
 __all__ = ["read_log", "write_log"]
@@ -80,12 +80,17 @@ def read_log(path: str | os.PathLike[str] | BinaryIO, **options: Any) -> SensorL
     """
     with open_log(path, **options) as stream:
         log = stream.read()
+    warn_left_out(stream)
+    return log
+
+
+def warn_left_out(stream: LogStream) -> None:
+    """Warn of the rows that the last pass over a log left out."""
     for name, report in stream.reports.items():
         left_out = {k: n for k, n in report.troubles.items() if k not in ("reordered", "wraps")}
         if left_out:
             counts = ", ".join(f"{n} {k}" for k, n in left_out.items())
             warn(f"{name}: of {report.rows} rows these were not in order: {counts}")
-    return log
 
 
 def write_log(log: SensorLog, path: str | os.PathLike[str]) -> None:

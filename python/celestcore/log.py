@@ -145,6 +145,18 @@ class SensorLog:
         with np.errstate(all="ignore"):
             _warn_if_degrees(self.gyro, self.stars)
 
+    @classmethod
+    def _of_windows(cls, epoch: str | None, tables: Mapping[str, Any]) -> SensorLog:
+        """Return a log of arrays that nobody else writes to: checked, a gyro's not copied.
+
+        For pieces of a log one after another: whether it is in degrees was said of the first.
+        """
+        log = cls.__new__(cls)
+        log.settings, log.frames, log.title = {}, {}, None
+        log.epoch = epoch_string(epoch)
+        log._tables = {name: build_table(name, parts, copy=False) for name, parts in tables.items()}
+        return log
+
     @property
     def tables(self) -> dict[str, Table]:
         """All tables by name, as on disk: ``gyro``, ``star``, ``vector_sun`` ..."""

@@ -27,6 +27,7 @@ Columns = dict[str, NDArray[Any]]
 
 UNITS = {"t": "s", "q": "1", "w": "rad/s", "b": "rad/s", "s_a": "rad", "s_b": "rad/s"}
 _QUATERNION = ("qw", "qx", "qy", "qz")
+_BLOCK = 4096
 _SIGMA = ("s_ax", "s_ay", "s_az", "s_bx", "s_by", "s_bz")
 
 
@@ -606,7 +607,10 @@ def _final(parts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _split(array: Array, names: tuple[str, ...]) -> Columns:
-    return {name: np.ascontiguousarray(array[:, k]) for k, name in enumerate(names)}
+    out = np.empty((len(names), len(array)))
+    for first in range(0, len(array), _BLOCK):  # a block stays in the processor's cache
+        out[:, first : first + _BLOCK] = array[first : first + _BLOCK].T
+    return dict(zip(names, out, strict=True))
 
 
 def _rotation(q: Array) -> Any:

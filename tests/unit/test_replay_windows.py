@@ -13,7 +13,8 @@ import celestcore as cc
 import numpy as np
 import pytest
 from celestcore import replay
-from celestcore.replay._source import stretches
+from celestcore.replay import _windows
+from celestcore.replay._source import stretches, window_of
 from celestcore.replay._windows import Splicer
 
 pytest.importorskip("pyarrow")
@@ -73,6 +74,36 @@ def test_windows_are_the_whole_log(log, nav, tmp_path, every, window):
     np.testing.assert_array_equal(found["measurements"]["t"], whole.measurement_t)
     np.testing.assert_array_equal(found["measurements"]["accepted"], whole.accepted)
     assert summary.log_likelihood == pytest.approx(whole.log_likelihood, rel=1e-12)
+
+
+def test_a_window_holds_so_many_samples(log, tmp_path):
+    assert window_of(log) == pytest.approx(25_000.0, rel=0.05)
+    assert window_of(log, 10) == pytest.approx(50_000.0, rel=0.05)
+    cc.write_log(log, tmp_path / "log")
+    with cc.open_log(tmp_path / "log") as stream:
+        assert window_of(stream) == window_of(log)
+        assert len(stream.read().gyro) == len(log.gyro)
+    star = log.stars["star"]
+    cc.write_log(cc.SensorLog(star=star), tmp_path / "star.npz")
+    with cc.open_log(tmp_path / "star.npz") as stream:
+        assert window_of(stream) == 3600.0
+    assert window_of(iter([])) == 3600.0
+    assert window_of(cc.SensorLog(gyro=([0.0, 1e-7, 2e-7], np.zeros((3, 3))))) == 1.0
+
+
+@pytest.mark.parametrize("every", [1, 7, 500])
+def test_a_long_window_is_cut_into_pieces(log, nav, tmp_path, monkeypatch, every):
+    """What a fast gyro's window becomes must fit into memory, whatever its length in seconds."""
+    replay.run(log, nav, tmp_path / "whole", window=900.0, every=every)
+    monkeypatch.setattr(_windows, "MOST", 400)
+    summary = replay.run(log, nav, tmp_path / "out", window=900.0, every=every)
+    assert summary.parts >= len(log.gyro) // max(800, every)
+    one, two = replay.read(tmp_path / "whole"), replay.read(tmp_path / "out")
+    for table in ("rows", "measurements"):
+        assert len(one[table]["t"]) == len(two[table]["t"])
+        for name, column in one[table].items():
+            if column.dtype == float:
+                np.testing.assert_allclose(column, two[table][name], rtol=1e-6, atol=1e-12)
 
 
 def test_a_smoother_looks_ahead(log, nav, tmp_path):

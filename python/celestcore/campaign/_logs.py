@@ -10,16 +10,17 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from celestcore import _reading
 from celestcore._tables import table_kind
-from celestcore.campaign._schema import LOGS, SCORED, checked
+from celestcore.campaign._schema import LOGS, SCORED, checked, table
 from celestcore.config import Settings
-from celestcore.errors import InputError, MissingDependencyError, NumericalError
+from celestcore.errors import InputError, LogFormatError, MissingDependencyError, NumericalError
+from celestcore.formats._registry import choose
 from celestcore.io import read_log
 from celestcore.log import SensorLog
 from celestcore.solution import Solution
 from celestcore.summary import innovation, span_s
 
-ENDINGS = (".npz", ".csv")
 COUNTS = ("samples", "fixes", "accepted", "rejected", "start", "missing", "outside", "gaps")
 AXES = ("ax", "ay", "az", "bx", "by", "bz")
 NUMBERS = (
@@ -42,12 +43,34 @@ def settings_of(document: Mapping[str, Any]) -> dict[str, Any]:
     if "scenario" in document or "assumed" in document:
         raise InputError("goes without [scenario] and [assumed]", field="[logs]")
     options = checked("campaign", document.get("campaign", {}), SCORED)
+    reading = _split(document.get("logs", {}))[1]
     rest = {n: v for n, v in document.items() if n not in ("campaign", "grid", "logs")}
     return {
         "over": Settings.from_dict(rest).tables,
         "smooth": options.get("smooth", False),
         "portable": options.get("portable", False),
+        **({"reading": reading} if reading else {}),
     }
+
+
+def _split(values: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what ``[logs]`` says of where logs are, and of how they are to be read."""
+    given = table("logs", values)
+    reading = {n: _plain(v) for n, v in given.items() if n in _reading.NAMES}
+    _reading.from_table("logs", reading)
+    where = {n: v for n, v in given.items() if n not in reading}
+    unknown = [n for n in where if n not in LOGS]
+    if unknown:
+        known = ", ".join((*LOGS, *_reading.NAMES))
+        raise InputError(f"unknown key; known are {known}", field=f"logs.{unknown[0]}")
+    return where, reading
+
+
+def _plain(value: Any) -> Any:
+    """Return a value with TOML's dates as texts, so that it can travel as JSON."""
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item) for name, item in value.items()}
+    return value.isoformat() if hasattr(value, "isoformat") else value
 
 
 def found(values: Any, base: Path) -> dict[str, Path]:
@@ -58,7 +81,8 @@ def found(values: Any, base: Path) -> dict[str, Path]:
     InputError
         If there is no such folder, or no log in it.
     """
-    given = checked("logs", values, LOGS)
+    where, reading = _split(values)
+    given = checked("logs", where, LOGS)
     if "folder" not in given:
         raise InputError("is needed", field="logs.folder")
     folder = base / given["folder"]
@@ -70,27 +94,48 @@ def found(values: Any, base: Path) -> dict[str, Path]:
     except (ValueError, NotImplementedError) as error:
         text = f"cannot be used: {error}"
         raise InputError(text, field="logs.pattern", value=pattern) from None
-    logs = {path.relative_to(folder).as_posix(): path for path in matching if _is_log(path)}
+    logs = {
+        path.relative_to(folder).as_posix(): path for path in matching if _is_log(path, reading)
+    }
     if not logs:
         raise InputError(
-            f"no log in {folder} matches it: a folder of Parquet tables, an .npz or a .csv",
+            f"no log in {folder} matches it: a folder of Parquet tables, an .npz, a .csv or what "
+            "'celestcore formats' lists",
             field="logs.pattern",
             value=pattern,
         )
     return logs
 
 
-def _is_log(path: Path) -> bool:
+def _is_log(path: Path, reading: Mapping[str, Any]) -> bool:
+    """Tell a log from what else may lie there; of a format that was named every file is one."""
     if path.is_dir():
-        return any(table_kind(file.stem) for file in path.glob("*.parquet"))
-    return path.suffix.lower() in ENDINGS
+        return any(_is_table(entry) for entry in path.iterdir())
+    if path.name.startswith((".", "_")) or path.suffix.lower() == ".toml":
+        return False
+    if "format" in reading:
+        return True
+    try:
+        choose(path, None)
+    except LogFormatError:
+        return False
+    return path.suffix.lower() != ".parquet"  # a table of the log that its folder is
+
+
+def _is_table(entry: Path) -> bool:
+    """Tell ``gyro.parquet`` and the datasets ``gyro/`` and ``sensor=gyro/``."""
+    name = entry.name.removesuffix(".parquet").rpartition("=")[2]
+    if table_kind(name) is None:
+        return False
+    return any(entry.rglob("*.parquet")) if entry.is_dir() else entry.suffix == ".parquet"
 
 
 def digest(path: Path) -> str:
     """Return a digest of all bytes of a log and of the TOML file that goes with it."""
     out = hashlib.sha256()
     for file in _files(path):
-        out.update(f"{file.name}\0{file.stat().st_size}\0".encode())
+        name = file.relative_to(path).as_posix() if path.is_dir() else file.name
+        out.update(f"{name}\0{file.stat().st_size}\0".encode())
         with file.open("rb") as content:
             while chunk := content.read(CHUNK):
                 out.update(chunk)
@@ -99,7 +144,7 @@ def digest(path: Path) -> str:
 
 def _files(path: Path) -> Iterator[Path]:
     if path.is_dir():
-        yield from sorted(f for f in path.iterdir() if f.suffix in (".parquet", ".toml"))
+        yield from sorted(f for f in path.rglob("*") if f.suffix in (".parquet", ".toml"))
         return
     yield path
     sidecar = path.with_suffix(".toml")
@@ -111,7 +156,7 @@ def row(text: str, path: str, progress: Callable[[int, int], object]) -> dict[st
     """Replay one log, and return its numbers; of a log that cannot be replayed, the reason."""
     settings = json.loads(text)
     try:
-        log = read_log(path)
+        log = read_log(path, **_reading.from_table("logs", settings.get("reading", {})))
         solution = _replayed(log, settings, progress)
     except (MissingDependencyError, OSError):
         raise  # the machine's fault, not the log's

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.util
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -95,6 +96,11 @@ class Format:
 def _lazy(module: str) -> Callable[..., Source]:
     def read(source: Any, **options: Any) -> Source:
         reader: Callable[..., Source] = importlib.import_module(f"{_BUILT_IN}.{module}").read
+        known = list(inspect.signature(reader).parameters)[1:]
+        for name in options:
+            if name not in known:
+                takes = ", ".join(n for n in known if n != "kind") or "none"
+                raise InputError(f"is no option of this format, which takes {takes}", field=name)
         return reader(source, **options)
 
     return read

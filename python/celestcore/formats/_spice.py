@@ -53,6 +53,7 @@ def read(
     if not isinstance(source, Path):
         raise InputError("must be a path: SPICE reads no file objects", field="source")
     spice = require("spiceypy", extra="spice", what="reading SPICE kernels")
+    kernels = [kernels] if isinstance(kernels, str | os.PathLike) else kernels  # one is a few
     with _loaded(spice, [source, *kernels]):
         objects = list(_try(lambda: spice.ckobj(str(source))))
         found = _chosen(objects, instrument)

@@ -74,6 +74,19 @@ class Stamps:
             read_epoch(self.since, "stamps.since")
 
 
+def by_sensor(stamps: Any, sensors: list[str]) -> dict[str, Stamps]:
+    """Return the stamps of each sensor, of one for all of them or of some by name."""
+    if isinstance(stamps, Stamps):
+        return dict.fromkeys(sensors, stamps)
+    for name in stamps or {}:
+        if name not in sensors:
+            has = ", ".join(sensors)
+            raise InputError(
+                f"is no sensor of the log, which has {has}", field="stamps", value=name
+            )
+    return dict(stamps or {})
+
+
 def calendar(values: Any) -> bool:
     """Say whether these are calendar times: strings or datetimes."""
     kind = np.asarray(values).dtype.kind

@@ -18,7 +18,7 @@ from celestcore.errors import InputError, LogFormatError
 from celestcore.formats._flow import Flow, Rules
 from celestcore.formats._model import CHUNK_ROWS, ROW, Columns, Source, faults, name_of
 from celestcore.formats._registry import Format, choose
-from celestcore.formats._stamps import Stamps, epoch_of
+from celestcore.formats._stamps import Stamps, by_sensor, epoch_of
 from celestcore.formats._timeline import SensorReport, join
 from celestcore.formats._windows import Ahead, Window, windows
 from celestcore.log import SensorLog
@@ -125,6 +125,30 @@ class LogStream:
             return items
         self._ahead = Ahead(items, ahead)
         return iter(self._ahead)
+
+    def _reading(self) -> dict[str, Any]:
+        """Return how times are read, as far as it is not as usual; for what depends on it."""
+        rules = self._rules
+        stamps = {n: repr(s) for n, s in rules.stamps.items() if s != Stamps()}
+        found: dict[str, Any] = {
+            "reorder": rules.reorder,
+            "jump": rules.jump,
+            "stamps": stamps or None,
+        }
+        found["ranges"] = {n: list(r) for n, r in rules.ranges.items()} or None
+        return {name: value for name, value in found.items() if value is not None}
+
+    def _first(self, name: str) -> Columns:
+        """Return the first rows of one sensor, nothing if it has none."""
+        found: Columns = {}
+        for flow in self._pass():
+            while name in flow.lane.sensors and not found:
+                pieces = flow.pull()
+                if pieces is None:
+                    break
+                found = join(pieces[name]) if pieces.get(name) else {}
+        self.close()
+        return found
 
     def read(self) -> SensorLog:
         """Read everything into memory.
@@ -315,11 +339,10 @@ def open_log(
         assert found.read is not None
         log = found.read(where, **_with_kind(found, options))
         settings = _settings(where, log)
-        given = dict(log.stamps)
-        if isinstance(stamps, Stamps):
-            given.update({n: stamps for lane in log.lanes for n in lane.sensors})
-        else:
-            given.update(stamps or {})
+        given = {
+            **log.stamps,
+            **by_sensor(stamps, [n for lane in log.lanes for n in lane.sensors]),
+        }
         said = settings.get("log", {}).get("epoch") if epoch is None else epoch
         rules = replace(rules, epoch=epoch_string(said), stamps=given)
         if rules.epoch is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -162,7 +162,7 @@ class Ahead(Generic[T]):
         self._items = items
         self._queue: queue.Queue[tuple[str, Any]] = queue.Queue(maxsize=ahead)
         self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread = threading.Thread(target=self._run, name="celestcore-reader", daemon=True)
 
     def _run(self) -> None:
         try:
@@ -182,7 +182,7 @@ class Ahead(Generic[T]):
             return True
         return False
 
-    def __iter__(self) -> Iterator[T]:
+    def __iter__(self) -> Generator[T, None, None]:
         self._thread.start()
         try:
             while not self._stopped.is_set():

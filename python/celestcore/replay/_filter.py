@@ -254,6 +254,8 @@ def health(sol: Solution) -> dict[str, Any]:
 
 
 def _stacked(tables: list[dict[str, Any]]) -> dict[str, Any]:
+    if len(tables) == 1:
+        return tables[0]
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 

@@ -8,7 +8,9 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,11 +21,19 @@ from celestcore.errors import InputError
 from celestcore.formats import LogStream
 from celestcore.formats._windows import Ahead
 from celestcore.log import SensorLog
+from celestcore.replay._background import Background
 from celestcore.replay._checkpoint import Checkpoint, read_checkpoint, write_through
 from celestcore.replay._forward import Forward, Source
 from celestcore.replay._kinds import forward_of
 from celestcore.replay._parts import Parts
-from celestcore.replay._source import Stretch, Tables, epoch_of, names_of, stretches
+from celestcore.replay._source import (
+    Stretch,
+    Tables,
+    epoch_of,
+    names_of,
+    stretches,
+    window_of,
+)
 from celestcore.solution import package_version
 
 if TYPE_CHECKING:
@@ -34,6 +44,8 @@ __all__ = ["Summary", "run"]
 
 Progress = Callable[[float], object]
 KEPT = ("full", "nis", "none")
+WAITING = 1
+"""Parts that wait to be written, besides the one that is: each holds a window's rows."""
 
 
 @dataclass
@@ -82,7 +94,7 @@ def run(
     navigator: StarGyroNavigator | GnssStarNavigator,
     out: str | os.PathLike[str],
     *,
-    window: float = 3600.0,
+    window: float | None = None,
     every: int = 1,
     innovations: str = "full",
     smooth: bool = False,
@@ -108,8 +120,9 @@ def run(
     out : path
         A folder for the results: tables ``rows``, ``measurements`` and ``health`` as Parquet
         datasets, and ``summary.json`` at the end.
-    window : float
-        Length of a window of a log or stream [s].
+    window : float, optional
+        Length of a window of a log or stream [s]; what holds about 100 000 gyro samples, or
+        200 000 with `every`, unless it is given. Memory grows with it.
     every : int
         One output row every so many gyro samples, or fixes' times of a `GnssStarNavigator`.
     innovations : {"full", "nis", "none"}
@@ -133,7 +146,8 @@ def run(
     epoch : str or astropy Time, optional
         Where times of windows count from.
     progress : callable, optional
-        ``progress(t)`` with the time reached [s], after each part.
+        ``progress(t)`` with the time reached [s], after each part is filtered; it may still be on
+        its way to the disk.
 
     Returns
     -------
@@ -163,7 +177,7 @@ def run(
         raise InputError(
             f"must be one of {', '.join(KEPT)}", field="innovations", value=innovations
         )
-    options = {
+    options: dict[str, Any] = {
         "every": count(every, "every"),
         "innovations": innovations,
         "smooth": bool(smooth),
@@ -172,9 +186,15 @@ def run(
     }
     if max_rejected is not None and max_rejected != "default":
         options["max_rejected"] = count(max_rejected, "max_rejected")
-    seconds = number(window, "window", above=0.0)
+    seconds = (
+        window_of(source, options["every"])
+        if window is None
+        else number(window, "window", above=0.0)
+    )
     if isinstance(source, SensorLog | LogStream):
         options["window"] = seconds
+    if isinstance(source, LogStream) and (reading := source._reading()):
+        options["reading"] = reading
     if resume and checkpoint is None:
         raise InputError("is needed to resume", field="checkpoint")
     known = Source(epoch_of(source, epoch), names_of(source))
@@ -213,18 +233,23 @@ class _Job:
         if known is not None:
             summary = Summary(**{**known.counts, "resumed": True})
             forward.restore(known.state, summary.late)
-        written = time.monotonic()
-        for window in Ahead(windows(forward.reading_from), 1):
-            if known is not None and window.known <= known.upto:
-                forward.skip(window.tables)
-                continue
-            forward.push(window.tables)
-            summary.windows += 1
-            self._step(forward, summary, last=False, progress=progress)
-            if path is not None and time.monotonic() - written >= interval:
-                self._checkpoint(path, window.known, forward, summary)
-                written = time.monotonic()
-        self._step(forward, summary, last=True, progress=progress)
+        # read, filtered and written side by side; `with` ends both threads whatever happens
+        with (
+            closing(iter(Ahead(windows(forward.reading_from), 1))) as ahead,
+            Background(WAITING) as writer,
+        ):
+            written = time.monotonic()
+            for window in ahead:
+                if known is not None and window.known <= known.upto:
+                    forward.skip(window.tables)
+                    continue
+                forward.push(window.tables)
+                summary.windows += 1
+                self._step(forward, summary, writer, last=False, progress=progress)
+                if path is not None and time.monotonic() - written >= interval:
+                    writer.do(self._checkpoint(path, window.known, forward, summary))
+                    written = time.monotonic()
+            self._step(forward, summary, writer, last=True, progress=progress)
         summary.elapsed_s = time.perf_counter() - began
         self._finish(forward, summary)
         return summary
@@ -243,33 +268,40 @@ class _Job:
             )
         return known
 
-    def _checkpoint(self, path: Any, upto: float, forward: Forward, summary: Summary) -> None:
-        self.parts.sync()
+    def _checkpoint(
+        self, path: Any, upto: float, forward: Forward, summary: Summary
+    ) -> Callable[[], None]:
+        """Return the job that writes a checkpoint of now, when all parts before it are written."""
         summary.late = dict(forward.late)
         counts = dataclasses.asdict(summary)
-        Checkpoint(self.digest, upto, summary.parts, forward.kept(), counts).write(path)
+        point = Checkpoint(self.digest, upto, summary.parts, forward.kept(), counts)
+
+        def write() -> None:
+            self.parts.sync()
+            point.write(path)
+
+        return write
 
     def _step(
         self,
         forward: Forward,
         summary: Summary,
+        writer: Background,
         *,
         last: bool,
         progress: Progress | None,
     ) -> None:
-        made = forward.step(last=last)
-        if made is None:
-            return
-        self.parts.write(summary.parts, made.tables)
-        summary.parts += 1
-        summary.rows += len(made.tables["rows"]["t"])
-        summary.samples += made.samples
-        summary.fixes += made.fixes
-        summary.rejected += made.rejected
-        summary.restarts += made.restarts
-        summary.log_likelihood += made.log_likelihood
-        if progress is not None:
-            progress(forward.reached)
+        while (made := forward.step(last=last)) is not None:
+            writer.do(partial(self.parts.write, summary.parts, made.tables))
+            summary.parts += 1
+            summary.rows += len(made.tables["rows"]["t"])
+            summary.samples += made.samples
+            summary.fixes += made.fixes
+            summary.rejected += made.rejected
+            summary.restarts += made.restarts
+            summary.log_likelihood += made.log_likelihood
+            if progress is not None:
+                progress(forward.reached)
 
     def _finish(self, forward: Forward, summary: Summary) -> None:
         self.parts.sync()

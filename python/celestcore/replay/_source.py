@@ -14,6 +14,11 @@ from celestcore.formats import LogStream
 from celestcore.log import SensorLog
 
 Tables = Mapping[str, tuple[Any, ...]]
+SAMPLES = 100_000
+"""Gyro samples in a window: few enough for memory, enough that what each window costs is little.
+Where rows are fewer than samples it holds twice as many."""
+WITHOUT_GYRO = 3600.0
+_LOOK = 10_000
 
 
 class Stretch(NamedTuple):
@@ -34,6 +39,19 @@ def stretches(source: Any, seconds: float, reached: float) -> Iterator[Stretch]:
     raise InputError(
         "must be a SensorLog, a LogStream or windows of one", field="source", value=type(source)
     )
+
+
+def window_of(source: Any, every: int = 1) -> float:
+    """Return the length [s] of a window that holds about `SAMPLES` gyro samples, or twice that."""
+    t: Any = ()
+    if isinstance(source, LogStream):
+        t = source._first("gyro").get("t", ())
+    elif isinstance(source, SensorLog) and source.gyro is not None:
+        t = source.gyro.t
+    if len(t) < 2:
+        return WITHOUT_GYRO
+    seconds = SAMPLES * min(every, 2) * float(np.median(np.diff(t[:_LOOK])))
+    return max(float(np.floor(seconds)), 1.0)
 
 
 def epoch_of(source: Any, epoch: Any) -> Any:

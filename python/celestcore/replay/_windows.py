@@ -9,6 +9,10 @@ import numpy as np
 from celestcore.log import SensorLog
 from celestcore.replay._source import Tables
 
+MOST = 1 << 17
+"""About so many gyro samples in a piece at most, twice that where not each becomes a row: what they
+become takes more memory than they."""
+
 
 class Piece:
     """A part of a log that a filter runs over; the first gyro sample is the last of the one before.
@@ -17,13 +21,12 @@ class Piece:
     """
 
     def __init__(self, tables: Tables, ahead: Tables | None, epoch: str | None) -> None:
-        self.log = _log(tables, epoch)
-        self.ahead = None if ahead is None else _log(ahead, epoch)
+        self.log = SensorLog._of_windows(epoch, _filled(tables))
+        self.ahead = None if ahead is None else SensorLog._of_windows(epoch, _filled(ahead))
 
 
-def _log(tables: Tables, epoch: str | None) -> SensorLog:
-    filled: dict[str, Any] = {name: parts for name, parts in tables.items() if len(parts[0])}
-    return SensorLog(epoch=epoch, **filled)
+def _filled(tables: Tables) -> dict[str, Any]:
+    return {name: parts for name, parts in tables.items() if len(parts[0])}
 
 
 class Splicer:
@@ -44,8 +47,9 @@ class Splicer:
         """Add a window; what lies before the time that was reached is counted as late."""
         for name, columns in window.items():
             t = np.asarray(columns[0])
-            good = t >= self.reached if name == "gyro" else t > self.reached
-            if not good.all():
+            first = float(t.min()) if len(t) else np.inf  # NaN if one is
+            if not (first >= self.reached if name == "gyro" else first > self.reached):
+                good = t >= self.reached if name == "gyro" else t > self.reached
                 lost = int(np.count_nonzero(~good))
                 self.late[name] = self.late.get(name, 0) + lost
                 columns = tuple(column[good] for column in columns)
@@ -61,10 +65,10 @@ class Splicer:
     def look(self) -> SensorLog | None:
         """Return all that waits as a log, None without a gyro sample."""
         joined = {name: stacked(parts) for name, parts in self._waiting.items()}
-        return _log(joined, self.epoch) if "gyro" in joined else None
+        return SensorLog(epoch=self.epoch, **_filled(joined)) if "gyro" in joined else None
 
     def take(self, *, last: bool) -> Piece | None:
-        """Return the next piece, None if there is not enough for one."""
+        """Return the next piece, None if there is not enough for one; there may be another."""
         joined = {name: stacked(parts) for name, parts in self._waiting.items()}
         gyro = joined.get("gyro")
         if gyro is None:
@@ -75,6 +79,10 @@ class Splicer:
             n = self.before + (n - 1 - self.before) // self.every * self.every + 1
         if n < self.before + 2:
             return None
+        most = MOST * min(self.every, 2)
+        longest = self.before + max(most // self.every, 1) * self.every + 1
+        if n > longest and self.overlap == 0.0:
+            n, last = longest, False
         end = float(t[n - 1])
         self.before = 0
         tables, rest = {}, {}
