@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from celestcore._check import FloatArray
+from celestcore._fixes import configured_noise
 from celestcore._replay import BIAS_SIGMA
 from celestcore._tables import parts_of
+from celestcore.errors import CelestcoreWarning
 from celestcore.log import SensorLog
 from celestcore.navigator import GAP_STEPS, StarGyroNavigator
 from celestcore.replay._windows import Piece
@@ -101,7 +104,7 @@ class Forward:
         assert log.gyro is not None
         if self.navigator.gyro.max_gap is None:
             self._fix_gap(GAP_STEPS * float(np.median(np.diff(log.gyro.t))))
-        made = _Collected(self.options["innovations"])
+        made = _Collected(self.options["innovations"], self.navigator)
         while log is not None:
             begin, again = self.state, self._again
             sol = self._run(log, begin, again)
@@ -131,7 +134,10 @@ class Forward:
             # lost: the attitude from the fixes, the bias as it was with a sigma as at a start
             given = {"bias0": begin.bias, "sigma0": (1.0, BIAS_SIGMA)}
         keep = "nis" if self.options["innovations"] == "none" else self.options["innovations"]
-        return self.navigator.run(log, every=self.options["every"], innovations=keep, **given)
+        with warnings.catch_warnings():
+            # said of the whole replay at its end, and not of every piece and every start anew
+            warnings.filterwarnings("ignore", ".* outside the gate", CelestcoreWarning)
+            return self.navigator.run(log, every=self.options["every"], innovations=keep, **given)
 
     def _smoothed(
         self,
@@ -171,12 +177,13 @@ class Forward:
 class _Collected:
     """Rows, measurements and health of a piece, of one solution or of several that follow."""
 
-    def __init__(self, innovations: str) -> None:
-        self.innovations = innovations
+    def __init__(self, innovations: str, navigator: StarGyroNavigator) -> None:
+        self.innovations, self.navigator = innovations, navigator
         self.restarts: list[float] = []
         self._rows: list[dict[str, Any]] = []
         self._measurements: list[dict[str, Any]] = []
         self._health: list[dict[str, Any]] = []
+        self._gaps: list[FloatArray] = []
         self._counts = {"samples": 0, "fixes": 0, "rejected": 0}
         self._likelihood = 0.0
 
@@ -188,7 +195,9 @@ class _Collected:
         if self.innovations != "none":
             names = list(measured) if self.innovations == "full" else list(measured)[:5]
             self._measurements.append({name: measured[name] for name in names})
-        self._health.append(health(sol))
+        told = None if sol.source is None else configured_noise(self.navigator, sol.source[0])
+        self._health.append(health(sol, told or {}))
+        self._gaps.append(sol.gaps)
         self._counts["samples"] += sol.counts["samples"] - first
         self._counts["fixes"] += sol.counts["fixes"]
         self._counts["rejected"] += sol.counts["rejected"]
@@ -197,25 +206,42 @@ class _Collected:
     def made(self) -> Made:
         """Return all of it."""
         tables = {"rows": _stacked(self._rows), "health": _stacked(self._health)}
+        tables["events"] = events(np.concatenate(self._gaps), self.restarts)
         if self._measurements:
             tables["measurements"] = _stacked(self._measurements)
         return Made(tables, **self._counts, log_likelihood=self._likelihood, restarts=self.restarts)
 
 
-def health(sol: Solution) -> dict[str, Any]:
-    """Return how each sensor fared: measurements, refused ones, mean NIS per degree of freedom."""
+HEALTH = ("t", "t_end", "sensor", "fixes", "rejected", "nis_per_dof", "sx", "sy", "sz")
+
+
+def health(sol: Solution, told: dict[str, FloatArray]) -> dict[str, Any]:
+    """Return how each sensor fared: measurements, refused ones, mean NIS per degree of freedom.
+
+    `told` is the noise that the filter was told, along the axes of the innovations [rad].
+    """
     begin, end = float(sol.t[0]), float(sol.t[-1])
-    out: dict[str, list[Any]] = {
-        name: [] for name in ("t", "t_end", "sensor", "fixes", "rejected", "nis_per_dof")
-    }
+    out: dict[str, list[Any]] = {name: [] for name in HEALTH}
     for number, name in enumerate(sol.sensor_names):
         own = sol.sensor == number
         ratio = sol.nis[own] / sol.dof[own]
         values = (begin, end, name, int(own.sum()), int((~sol.accepted[own]).sum()))
         mean = float(ratio.mean()) if own.any() else np.nan
-        for column, value in zip(out.values(), (*values, mean), strict=True):
+        sigma = np.full(3, np.nan)
+        known = told.get(name, sigma)
+        sigma[: len(known)] = known
+        for column, value in zip(out.values(), (*values, mean, *sigma.tolist()), strict=True):
             column.append(value)
     return {name: np.asarray(column) for name, column in out.items()}
+
+
+def events(gaps: FloatArray, restarts: list[float]) -> dict[str, Any]:
+    """Return the gyro's gaps and the starts anew in order of time."""
+    begin = np.concatenate([gaps[:, 0], np.asarray(restarts)])
+    end = np.concatenate([gaps[:, 1], np.asarray(restarts)])
+    kind = np.array(["gap"] * len(gaps) + ["restart"] * len(restarts), dtype="<U8")
+    order = np.argsort(begin, kind="stable")
+    return {"t": begin[order], "t_end": end[order], "kind": kind[order]}
 
 
 def _stacked(tables: list[dict[str, Any]]) -> dict[str, Any]:

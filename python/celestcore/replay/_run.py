@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from celestcore._arguments import checked, count
 from celestcore._check import number, warn
 from celestcore._files import replacing
@@ -26,6 +28,7 @@ from celestcore.replay._parts import Parts
 from celestcore.replay._source import Stretch, Tables, epoch_of, stretches
 from celestcore.replay._windows import Splicer
 from celestcore.solution import package_version
+from celestcore.summary import MANY_REJECTED
 
 __all__ = ["Summary", "run"]
 
@@ -187,7 +190,7 @@ class _Job:
     ) -> None:
         self.navigator, self.options, self.epoch, self.out = navigator, options, epoch, out
         note = {"version": package_version(), "filter": navigator.filter.kind, "options": options}
-        self.note = {**note, "epoch": None if epoch is None else str(epoch)}
+        self.note = {**note, "epoch": None if epoch is None else str(epoch), "gate": navigator.gate}
         what = json.dumps(self.note, sort_keys=True) + repr(navigator)
         self.digest = hashlib.sha256(what.encode()).hexdigest()
         self.parts = Parts(out, self.note)
@@ -202,7 +205,7 @@ class _Job:
         began = time.perf_counter()
         path, interval = memory
         known = self._known(path) if resume else None
-        self.parts.begin(0 if known is None else known.parts)
+        self.parts.begin(None if known is None else known.parts)
         splicer = Splicer(self.options["every"], self.options["overlap"], self.epoch)
         forward = Forward(self.navigator, self.options)
         summary = Summary()
@@ -211,6 +214,9 @@ class _Job:
             forward.restore(known.state)
             splicer.reached = forward.reached
             splicer.late = dict(summary.late)
+        if path is not None and known is None:
+            # at once: parts without a checkpoint could not be gone on with
+            self._checkpoint(path, -np.inf, splicer, forward, summary)
         written = time.monotonic()
         for window in Ahead(windows(splicer.reached), 1):
             if known is not None and window.known <= known.upto:
@@ -294,6 +300,11 @@ class _Job:
         if summary.late:
             lost = ", ".join(f"{n} of {name}" for name, n in summary.late.items())
             warn(f"rows came after their time had passed and were left out: {lost}")
+        if summary.rejected > max(10, MANY_REJECTED * summary.fixes):
+            warn(
+                f"{summary.rejected} of {summary.fixes} measurements were outside the gate: see "
+                "what celestcore.replay.report says of when"
+            )
         if summary.restarts:
             first = ", ".join(f"{t:.6g}" for t in summary.restarts[:5])
             more = " ..." if len(summary.restarts) > 5 else ""
