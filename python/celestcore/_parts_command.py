@@ -12,7 +12,8 @@ from celestcore._optional import require
 from celestcore.config import Settings
 from celestcore.errors import InputError
 from celestcore.formats import open_log
-from celestcore.replay import Summary, run
+from celestcore.replay import Summary, report, run
+from celestcore.replay._report import check as check_report
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,16 +26,20 @@ class Parts:
     resume: bool = False
     window: float = 3600.0
     every: int = 1
+    interval: float = 30.0
     config: Path | None = None
     filter: str | None = None
     gate: float | None = None
     smooth: bool = False
     json: str | None = None
+    report: Path | None = None
 
     def check(self) -> None:
         """Refuse what cannot be written, before anything is computed."""
         if self.checkpoint is not None:
             check_output(self.checkpoint, "--checkpoint")
+        if self.report is not None:
+            check_report(self.report, "--report")
         if self.resume and self.checkpoint is None:
             raise InputError("needs --checkpoint FILE, to go on from", field="--resume")
         if not self.folder.absolute().parent.is_dir():
@@ -62,6 +67,7 @@ class Parts:
                 every=self.every,
                 smooth=self.smooth,
                 checkpoint=self.checkpoint,
+                interval=self.interval,
                 resume=self.resume,
                 progress=progress,
             )
@@ -87,8 +93,12 @@ class Parts:
         out.append(f"{summary.elapsed_s:.1f} s{speed}")
         return out
 
-    def write(self, summary: Summary) -> None:
-        """Write the summary as JSON."""
+    def write(self, summary: Summary, command: str) -> None:
+        """Write the report and the summary as JSON."""
+        if self.report is not None:
+            with open_log(self.log) as stream:
+                title = stream.settings.get("log", {}).get("title") or self.log.name
+            report(self.folder, self.report, title=str(title), command=command)
         text = json.dumps(dataclasses.asdict(summary), indent=1)
         if self.json == "-":
             print(text)
@@ -102,6 +112,7 @@ def replay_parts(
     how: dict[str, Any],
     more: dict[str, Any],
     others: dict[str, Any],
+    command: str,
 ) -> None:
     """Run ``celestcore replay --parts`` and say what happened."""
     log, folder, checkpoint = paths
@@ -118,7 +129,9 @@ def replay_parts(
     console = rich.Console(stderr=more["json"] == "-", highlight=False, markup=False)
     with console.status("replaying") as status:
         summary = request.run(lambda t: status.update(f"replaying: t = {t:,.0f} s"))
-    request.write(summary)
+    request.write(summary, command)
     for line in request.words(summary):
         console.print(line, soft_wrap=True)
     console.print(f"parts: {folder}", soft_wrap=True)
+    if request.report is not None:
+        console.print(f"report: {request.report}", soft_wrap=True)

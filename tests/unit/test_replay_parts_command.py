@@ -48,6 +48,15 @@ def test_a_file_is_replayed_in_parts(log, tmp_path, capsys):
     assert "43,195 gyro samples" in capsys.readouterr().out
 
 
+def test_a_report_is_written(log, tmp_path, capsys):
+    page = tmp_path / "a.html"
+    done = command("replay", log, "--parts", tmp_path / "out", "--every", 60, "--report", page)
+    assert done == 0
+    text = page.read_text(encoding="utf-8")
+    assert "Fermi gamma-ray telescope" in text
+    assert f"report: {page}" in capsys.readouterr().out
+
+
 def test_a_stopped_command_goes_on(log, tmp_path, capsys):
     settings = cc.Settings.from_log(cc.sample("fermi"))
     parts = ["--every", 60, "--window", 3600]
@@ -96,6 +105,9 @@ def test_a_stopped_command_goes_on(log, tmp_path, capsys):
         (["--parts", "x", "--resume"], "--resume.*needs --checkpoint"),
         (["--parts", "no/such/x"], "does not exist: create it first"),
         (["--parts", "x", "--checkpoint", "no/such/c.json"], "does not exist"),
+        (["--parts", "x", "--report", "a.png"], r"--report.*let its name end in \.html"),
+        (["--parts", "x", "--report", "no/such/a.html"], "does not exist"),
+        (["--parts", "x", "--checkpoint", "c.json", "--interval", "-1"], "interval"),
     ],
 )
 def test_options_are_checked(log, tmp_path, monkeypatch, capsys, words, message):
