@@ -130,6 +130,14 @@ def replay(
             "--interval", metavar="S", help="With --checkpoint: least time between two in s."
         ),
     ] = 30.0,
+    reorder: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            "--reorder",
+            metavar="S",
+            help="With --parts: put rows up to S s late in place, leave later ones out.",
+        ),
+    ] = None,
     report: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option("--report", metavar="OUT.html|.png", help="Write a report with pictures."),
@@ -140,7 +148,7 @@ def replay(
     ] = None,
 ) -> None:
     """Estimate attitude and gyro bias, or orbit and attitude, over a whole log."""
-    if parts is not None or checkpoint is not None or resume:
+    if parts is not None or checkpoint is not None or resume or reorder is not None:
         from celestcore._parts_command import replay_parts
 
         others: dict[str, object] = {"--output": output, "--withhold": withhold}
@@ -153,6 +161,7 @@ def replay(
                 "every": every,
                 "smooth": smooth,
                 "interval": interval,
+                "reorder": reorder,
             },
             {"config": config, "filter": kind, "gate": gate, "json": json_file, "report": report},
             others,

@@ -16,7 +16,7 @@ from celestcore.replay import Summary, report, run
 from celestcore.replay._report import check as check_report
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Parts:
     """What a replay in parts was asked for."""
 
@@ -27,12 +27,15 @@ class Parts:
     window: float = 3600.0
     every: int = 1
     interval: float = 30.0
+    reorder: float | None = None
     config: Path | None = None
     filter: str | None = None
     gate: float | None = None
     smooth: bool = False
     json: str | None = None
     report: Path | None = None
+    troubles: dict[str, dict[str, int]] = dataclasses.field(default_factory=dict)
+    """What a reader that puts rows in order made of each sensor's."""
 
     def check(self) -> None:
         """Refuse what cannot be written, before anything is computed."""
@@ -50,7 +53,7 @@ class Parts:
 
     def run(self, progress: Any = None) -> Summary:
         """Replay the log."""
-        with open_log(self.log) as stream:
+        with open_log(self.log, reorder=self.reorder) as stream:
             settings = Settings.from_dict(stream.settings)
             if self.config is not None:
                 settings = settings.merged(Settings.from_toml(self.config))
@@ -59,7 +62,7 @@ class Parts:
                 options["filter"] = {"kind": self.filter}
             if self.gate is not None:
                 options["gate"] = {"probability": self.gate}
-            return run(
+            made = run(
                 stream,
                 settings.merged(options).navigator(),
                 self.folder,
@@ -71,6 +74,10 @@ class Parts:
                 resume=self.resume,
                 progress=progress,
             )
+            self.troubles = {
+                name: found.troubles for name, found in stream.reports.items() if found.troubles
+            }
+            return made
 
     def words(self, summary: Summary) -> list[str]:
         """Return what happened as lines for people."""
@@ -87,6 +94,10 @@ class Parts:
         if summary.late:
             lost = ", ".join(f"{n:,} of {name}" for name, n in summary.late.items())
             out.append(f"too late for their time and left out: {lost}")
+        for name, found in self.troubles.items():
+            counted = ", ".join(f"{n:,} {kind}" for kind, n in found.items())
+            since = " since it went on" if summary.resumed else ""
+            out.append(f"rows of {name} out of order{since}: {counted}")
         # after a stop the counts are of all runs together, the time of the last one alone
         timed = not summary.resumed and summary.elapsed_s > 0.0
         speed = f", {summary.samples / summary.elapsed_s:,.0f} gyro samples/s" if timed else ""
@@ -120,7 +131,9 @@ def replay_parts(
         if value is not None:
             raise InputError("does not go with --parts, which writes parts alone", field=option)
     if folder is None:
-        raise InputError("is needed with --checkpoint: a folder for the results", field="--parts")
+        raise InputError(
+            "is needed with --checkpoint and --reorder: a folder for the results", field="--parts"
+        )
     if log is None:
         raise InputError("give a LOG to replay in parts", field="LOG")
     request = Parts(log=log, folder=folder, checkpoint=checkpoint, **how, **more)

@@ -59,8 +59,6 @@ class Fault:
         Kinds of events of which the report must tell one; empty if no sensor shows the fault.
     sensor : str, optional
         Whose event.
-    observable : bool
-        Whether the sensors tell the truth from the fault while it lasts.
     """
 
     name: str
@@ -69,7 +67,8 @@ class Fault:
     long: float
     told: tuple[str, ...] = ()
     sensor: str | None = None
-    observable: bool = True
+    shift: tuple[str, float] | None = None
+    """A table whose clock runs ahead by so much [s] while the fault lasts, and then goes back."""
 
 
 def _both(change: Callable[[cc.SensorLog, str], cc.SensorLog]) -> Change:
@@ -96,16 +95,6 @@ def within(
         q[cut[name]] = made.stars[name].q
         out[name] = (log.stars[name].t, q)
     return cc.SensorLog(epoch=log.epoch, gyro=log.gyro, **out)
-
-
-def _late(table: str, seconds: float) -> Change:
-    """Let a clock run ahead for a while; what overlaps when it is set back falls away."""
-
-    def changed(log: cc.SensorLog, begin: float, end: float) -> cc.SensorLog:
-        ahead = faults.clock_jump(log, table, begin, seconds)
-        return faults.clock_jump(ahead, table, end + seconds, -seconds)
-
-    return changed
 
 
 def _blind(log: cc.SensorLog, begin: float, end: float) -> cc.SensorLog:
@@ -147,25 +136,33 @@ FAULTS = [
         60.0,
         7200.0,
     ),
-    Fault("gyro clock 3 s ahead, and back", _late("gyro", 3.0), 60.0, 600.0, ("gap",)),
+    Fault(
+        "gyro clock 3 s ahead, and back",
+        lambda log, *_: log,
+        60.0,
+        600.0,
+        ("gap",),
+        shift=("gyro", 3.0),
+    ),
     Fault(
         "camera 2 clock 2 s ahead, and back",
-        _late("star_2", 2.0),
+        lambda log, *_: log,
         60.0,
         3600.0,
         ("refused",),
         "star_2",
+        shift=("star_2", 2.0),
     ),
     Fault(
         "20 % outliers of 0.02 rad, both cameras",
-        _both(lambda cut, name: faults.outliers(cut, name, 0.2, 0.02, seed=len(cut.stars))),
+        _both(lambda cut, name: faults.outliers(cut, name, 0.2, 0.02, seed=CAMERAS.index(name))),
         120.0,
         7200.0,
         ("scattered",),
         "star_1",
     ),
     Fault("gyro axis lost", lambda g, a, b: faults.lost_axis(g, a, b, 1), 60.0, 1800.0, REFUSED),
-    Fault("cameras swapped", _crossed, 60.0, 600.0, REFUSED, None, observable=False),
+    Fault("cameras swapped", _crossed, 60.0, 600.0, REFUSED),
     Fault("nothing more", lambda log, *_: log, 0.0, 0.0),
 ]
 AT_STEP = next(k for k, f in enumerate(FAULTS) if "bias step" in f.name)
@@ -231,6 +228,11 @@ class Flight:
             for name in CAMERAS:
                 star = log.stars[name]
                 columns[name] = _flat(star.t, star.q, ("qw", "qx", "qy", "qz"))
+            if FAULTS[k].shift is not None:
+                name, seconds = FAULTS[k].shift
+                t = columns[name]["t"]
+                ahead = (t >= self.begin_of(k)) & (t < self.end_of(k))
+                columns[name]["t"] = np.where(ahead, t + seconds, t)  # goes back at the end
             for name, table in columns.items():
                 pq.write_table(pa.table(table), folder / name / f"slot-{k:02d}.parquet")
 
@@ -287,15 +289,12 @@ def fared(flight: Flight, out: Path, dt: float) -> list[Fared]:
     return found
 
 
-def told_of(flight: Flight, k: int, events: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the events of a report that tell of fault k: they begin as it begins."""
-    fault, begin, end = FAULTS[k], flight.begin_of(k), flight.end_of(k)
-    late = max(0.5 * (end - begin), 60.0)
-    return [
+def told_of(flight: Flight, k: int, events: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """Return the event of a report that tells of fault k: of its kind, and nearest to its begin."""
+    fault, begin = FAULTS[k], flight.begin_of(k)
+    mine = [
         e
         for e in events
-        if e["kind"] in fault.told
-        and (fault.sensor is None or e["sensor"] in (fault.sensor, None))
-        and e["begin"] <= begin + late
-        and e["end"] >= begin - 1.0
+        if e["kind"] in fault.told and (fault.sensor is None or e["sensor"] in (fault.sensor, None))
     ]
+    return min(mine, key=lambda e: abs(e["begin"] - begin), default=None)
