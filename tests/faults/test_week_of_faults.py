@@ -47,15 +47,16 @@ class Program:
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         return subprocess.Popen([*self._call, *more], **quiet)
 
-    def run(self, *more: str) -> tuple[float, float]:
-        """Run it to its end; return how long it took [s] and its largest memory [bytes]."""
+    def run(self, *more: str) -> tuple[float, float, float]:
+        """Run it to its end; return its time and the processor's [s], largest memory [bytes]."""
         began = time.perf_counter()
         child = self.start(*more)
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
         assert child.returncode == 0
         unit = 1 if sys.platform == "darwin" else 1024
-        return time.perf_counter() - began, float(used.ru_maxrss * unit)
+        busy = used.ru_utime + used.ru_stime
+        return time.perf_counter() - began, busy, float(used.ru_maxrss * unit)
 
     def kill_at(self, parts: int, *more: str) -> None:
         """Start it, and kill it as soon as it has written so many parts."""
@@ -130,7 +131,7 @@ def fly(flight: Flight, folder: Path, window: float, kills: tuple[int, int]) -> 
     """Replay a flight in one go, and killed twice; check all that is asked."""
     flight.write(folder / "log")
     whole = Program(folder, "whole", window)
-    took, memory = whole.run()
+    took, busy, memory = whole.run()
     killed = Program(folder, "killed", window)
     killed.kill_at(kills[0])
     killed.kill_at(kills[1], "--resume")
@@ -145,8 +146,9 @@ def fly(flight: Flight, folder: Path, window: float, kills: tuple[int, int]) -> 
     check_faults(flight, page, whole.out)
     print(
         f"\n{page['counts']['samples']:,} samples, {page['counts']['fixes']:,} fixes, "
-        f"{page['counts']['restarts']} starts anew: {took:.1f} s with the report, largest memory "
-        f"{memory / 1e6:.0f} MB, report {size / 1e6:.2f} MB"
+        f"{page['counts']['restarts']} starts anew: {took:.0f} s ({busy:.0f} s of "
+        f"processor) with the report, largest memory {memory / 1e6:.0f} MB, "
+        f"report {size / 1e6:.2f} MB"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import shutil
 import warnings
 from itertools import pairwise
@@ -139,6 +140,10 @@ def test_starts_anew_are_told_and_marked(lost: Path, tmp_path: Path) -> None:
     told = replay.report(lost, tmp_path / "a.html")
     (first, *_) = (e for e in told["events"] if e["kind"] == "restart")
     assert 500.0 <= first["begin"] < 505.0
+    words = re.search(r"the gyro's bias had gone about y from (.*?) to (.*?) deg/h", first["words"])
+    assert words is not None
+    old, new = (float(value) for value in words.groups())
+    assert (new - old) * cc.DEG_PER_HOUR == pytest.approx(2e-3, rel=0.02)
     assert told["findings"][0]["rule"] == "started again"
     text = (tmp_path / "a.html").read_text(encoding="utf-8")
     page = Page(text)

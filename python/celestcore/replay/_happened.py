@@ -15,12 +15,15 @@ from celestcore.replay._digest import Digest
 from celestcore.replay._runs import Stretch
 from celestcore.replay._tally import Tally
 from celestcore.summary import spell_time
+from celestcore.units import DEG_PER_HOUR
 
 LISTED = 10
 """A stretch with fewer refused measurements is told of with others alone."""
 TOGETHER = 60.0
 """Starts anew that are less far apart [s] are told of together."""
 MOST = 300
+CHANGED = 10.0
+"""A bias is another one if it differs by more than so many sigmas."""
 Event = dict[str, Any]
 
 
@@ -90,7 +93,26 @@ def _restarts(digest: Digest) -> Iterator[Event]:
             else f"The filter started again {len(group):,} times {when(begin, end)}: each time "
             f"{why}."
         )
+        words += _bias_words(digest, begin, end)
         yield _event("restart", begin, end, words, 1e6 + len(group))
+
+
+def _bias_words(digest: Digest, begin: float, end: float) -> str:
+    """Say about which axes the gyro's bias is another one after the starts anew, if it is."""
+    even = digest.even
+    before = int(np.searchsorted(even["t"], begin)) - 1
+    after = int(np.searchsorted(even["t"], end, side="right"))
+    if before < 0 or after >= len(even["t"]):
+        return ""
+    out = []
+    for axis in "xyz":
+        old, new = (float(even[f"b{axis}"][k]) for k in (before, after))
+        sigma = np.hypot(*(even[f"s_b{axis}"][k] for k in (before, after)))
+        if abs(new - old) > CHANGED * sigma:
+            old, new = old / DEG_PER_HOUR, new / DEG_PER_HOUR
+            out.append(f"about {axis} from {old:.3g} to {new:.3g} deg/h")
+    went = " and ".join(out)
+    return f" At its part's end the gyro's bias had gone {went}." if out else ""
 
 
 def _silences(tally: Tally, first: float, last: float) -> Iterator[Event]:

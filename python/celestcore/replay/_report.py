@@ -305,9 +305,9 @@ def _odd_parts(result: Mapping[str, Any], times: Times) -> str:
         return ""
     rows = [
         (
-            f"part-{one['part']:06d}",
+            f"{one['part']}",
             escape(one["sensor"]),
-            escape(when(one["begin"], one["end"])),
+            f"{one['begin'] + 0.0:,.0f} to {one['end']:,.0f}",
             marked(result, f"parts.{k}.fixes"),
             marked(result, f"parts.{k}.rejected"),
             f"{100.0 * one['rejected'] / max(one['fixes'], 1):.3g} %",
@@ -315,7 +315,7 @@ def _odd_parts(result: Mapping[str, Any], times: Times) -> str:
         )
         for k, one in enumerate(odd)
     ]
-    head = ("part", "sensor", "when", "fixes", "refused", "share", "NIS per dof, refused ones too")
+    head = ("part", "sensor", "from, to [s]", "fixes", "refused", "share", "NIS per dof of all")
     more = f", the {len(odd)} worst of {count:,}" if count > len(odd) else ""
     return f"<h2>Parts that stand out{more}</h2>" + _page.grid(head, rows)
 
