@@ -34,8 +34,10 @@ class Parts:
     smooth: bool = False
     json: str | None = None
     report: Path | None = None
-    troubles: dict[str, dict[str, int]] = dataclasses.field(default_factory=dict)
-    """What a reader that puts rows in order made of each sensor's."""
+    told: dict[str, str] = dataclasses.field(default_factory=dict)
+    """Noise and gate of the run, in words."""
+    disorder: dict[str, str] = dataclasses.field(default_factory=dict)
+    """What a reader that puts rows in order made of those of each sensor, in words."""
 
     def check(self) -> None:
         """Refuse what cannot be written, before anything is computed."""
@@ -53,6 +55,8 @@ class Parts:
 
     def run(self, progress: Any = None) -> Summary:
         """Replay the log."""
+        from celestcore.cli import describe_settings
+
         with open_log(self.log, reorder=self.reorder) as stream:
             settings = Settings.from_dict(stream.settings)
             if self.config is not None:
@@ -62,9 +66,11 @@ class Parts:
                 options["filter"] = {"kind": self.filter}
             if self.gate is not None:
                 options["gate"] = {"probability": self.gate}
+            settings = settings.merged(options)
+            self.told = describe_settings(settings)
             made = run(
                 stream,
-                settings.merged(options).navigator(),
+                settings.navigator(),
                 self.folder,
                 window=self.window,
                 every=self.every,
@@ -74,9 +80,11 @@ class Parts:
                 resume=self.resume,
                 progress=progress,
             )
-            self.troubles = {
-                name: found.troubles for name, found in stream.reports.items() if found.troubles
-            }
+            for name, found in stream.reports.items():
+                if found.troubles:
+                    counts = (f"{n:,} {kind}" for kind, n in found.troubles.items())
+                    since = " since it went on" if made.resumed else ""
+                    self.disorder[f"Rows of {name} out of order{since}"] = ", ".join(counts)
             return made
 
     def words(self, summary: Summary) -> list[str]:
@@ -94,10 +102,7 @@ class Parts:
         if summary.late:
             lost = ", ".join(f"{n:,} of {name}" for name, n in summary.late.items())
             out.append(f"too late for their time and left out: {lost}")
-        for name, found in self.troubles.items():
-            counted = ", ".join(f"{n:,} {kind}" for kind, n in found.items())
-            since = " since it went on" if summary.resumed else ""
-            out.append(f"rows of {name} out of order{since}: {counted}")
+        out += [f"{name.lower()}: {counted}" for name, counted in self.disorder.items()]
         # after a stop the counts are of all runs together, the time of the last one alone
         timed = not summary.resumed and summary.elapsed_s > 0.0
         speed = f", {summary.samples / summary.elapsed_s:,.0f} gyro samples/s" if timed else ""
@@ -109,7 +114,8 @@ class Parts:
         if self.report is not None:
             with open_log(self.log) as stream:
                 title = stream.settings.get("log", {}).get("title") or self.log.name
-            report(self.folder, self.report, title=str(title), command=command)
+            more = {**self.told, **self.disorder}
+            report(self.folder, self.report, title=str(title), settings=more, command=command)
         text = json.dumps(dataclasses.asdict(summary), indent=1)
         if self.json == "-":
             print(text)

@@ -60,7 +60,9 @@ def test_rows_that_go_back_are_left_out_on_demand(log, tmp_path, capsys):
     words = ["replay", broken, "--every", 60]
     assert command(*words, "--parts", tmp_path / "a") != 0
     assert "goes back" in capsys.readouterr().err.replace("\n", " ")
-    assert command(*words, "--parts", tmp_path / "b", "--reorder", 0) == 0
+    page = tmp_path / "b.html"
+    assert command(*words, "--parts", tmp_path / "b", "--reorder", 0, "--report", page) == 0
+    assert "Rows of gyro out of order</th><td>5 late" in page.read_text(encoding="utf-8")
     assert "rows of gyro out of order: 5 late" in capsys.readouterr().out
     assert command(*words, "--reorder", 0) != 0
     assert "--parts" in capsys.readouterr().err
@@ -72,6 +74,7 @@ def test_a_report_is_written(log, tmp_path, capsys):
     assert done == 0
     text = page.read_text(encoding="utf-8")
     assert "Fermi gamma-ray telescope" in text
+    assert "Noise of star</th><td>2 arcsec (1 sigma)" in text
     assert f"report: {page}" in capsys.readouterr().out
 
 

@@ -49,6 +49,7 @@ def report(
     path: str | os.PathLike[str],
     *,
     title: str | None = None,
+    settings: Mapping[str, str] | None = None,
     command: str | None = None,
 ) -> dict[str, Any]:
     """Write a report of what a replay has written: one HTML page that needs nothing beside it.
@@ -64,6 +65,8 @@ def report(
         Of the page, ends in .html. It appears whole or not at all.
     title : str, optional
         Of the page.
+    settings : dict of str to str, optional
+        What the run was told (noise, gate, ...), shown as given.
     command : str, optional
         The command that made it, to be shown.
 
@@ -96,7 +99,7 @@ def report(
     check(path)
     found = digest(folder)
     result = summary(found, title)
-    text = page(found, result, folder=os.fspath(folder), command=command)
+    text = page(found, result, folder=os.fspath(folder), settings=settings, command=command)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return result
@@ -195,7 +198,12 @@ def _found(found: Digest, out: Mapping[str, Any]) -> Iterator[_findings.Finding]
 
 
 def page(
-    found: Digest, result: Mapping[str, Any], *, folder: str = "", command: str | None = None
+    found: Digest,
+    result: Mapping[str, Any],
+    *,
+    folder: str = "",
+    settings: Mapping[str, str] | None = None,
+    command: str | None = None,
 ) -> str:
     """Return the report as HTML text."""
     title = result["log"] or "A replay in parts"
@@ -211,7 +219,7 @@ def page(
         _page.findings(result, times),
         _happened(result, times),
         "<h2>What was run</h2>",
-        _run_table(found, result, folder, command),
+        _run_table(found, result, folder, settings, command),
         "<h2>What came out</h2>",
         base.sensor_table(result) if fixes else "<p>Measurements were not kept.</p>",
         base.final_table(result),
@@ -320,7 +328,13 @@ def _odd_parts(result: Mapping[str, Any], times: Times) -> str:
     return f"<h2>Parts that stand out{more}</h2>" + _page.grid(head, rows)
 
 
-def _run_table(found: Digest, result: Mapping[str, Any], folder: str, command: str | None) -> str:
+def _run_table(
+    found: Digest,
+    result: Mapping[str, Any],
+    folder: str,
+    settings: Mapping[str, str] | None,
+    command: str | None,
+) -> str:
     done, options = result["replay"], found.note.get("options", {})
     kind = base.filter_words(result["filter"], smoothed=result["smoothed"])
     most = options.get("max_rejected")
@@ -329,6 +343,7 @@ def _run_table(found: Digest, result: Mapping[str, Any], folder: str, command: s
         "From, to": escape(when(float(found.edge[0]), float(found.edge[-1]))),
         "Length": spell_time(result["span_s"]),
         "Filter": escape(kind),
+        **{name: escape(words) for name, words in (settings or {}).items()},
         "Starts again after": "never" if most is None else f"{most} measurements refused running",
         "Rows": f"{marked(result, 'counts.rows')} in {marked(result, 'counts.parts')} parts, one "
         f"for {options.get('every', 1)} gyro samples",
