@@ -107,9 +107,20 @@ def rates(t: Array, rate: Array) -> Section:
     return Section("Body rates", RATE, (Panel("Rates", "deg/s", t, series),), name="rate")
 
 
-def bias(t: Array, value: Array, sigma: Array, what: str = "Gyro bias") -> Section:
-    """Return the gyro's bias with its bands; `value` and `sigma` (n, 3) in rad/s."""
+def bias(
+    t: Array,
+    value: Array,
+    sigma: Array,
+    what: str = "Gyro bias",
+    calm: tuple[Array, Array] | None = None,
+) -> Section:
+    """Return the gyro's bias with its bands; `value` and `sigma` (n, 3) in rad/s.
+
+    `calm` is the same of rows that set the picture's limits, where `value` holds all extremes.
+    """
     panels = []
+    usual = (value, sigma) if calm is None else calm
+    low, high = ((usual[0] + k * usual[1]) / DEG_PER_HOUR for k in (-3.0, 3.0))
     for k, (colour, name) in enumerate(XYZ):
         y, half = value[:, k] / DEG_PER_HOUR, 3.0 * sigma[:, k] / DEG_PER_HOUR
         panels.append(
@@ -118,7 +129,7 @@ def bias(t: Array, value: Array, sigma: Array, what: str = "Gyro bias") -> Secti
                 "deg/h",
                 t,
                 (Series(f"bias {name}, ±3 sigma", y, colour, half=half),),
-                limits=settled(y - half, y + half),
+                limits=settled(low[:, k], high[:, k]),
                 row=what,
             )
         )

@@ -131,6 +131,12 @@ def replay(
             "--every", metavar="N", help="With --parts: a row every N samples, or fixes' times."
         ),
     ] = 1,
+    interval: Annotated[
+        float,
+        typer.Option(
+            "--interval", metavar="S", help="With --checkpoint: least time between two in s."
+        ),
+    ] = 30.0,
     report: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option("--report", metavar="OUT.html|.png", help="Write a report with pictures."),
@@ -152,13 +158,27 @@ def replay(
     if parts is not None or checkpoint is not None or resume:
         from celestcore._parts_command import replay_parts
 
-        others: dict[str, object] = {"--output": output, "--report": report, "--withhold": withhold}
+        others: dict[str, object] = {"--output": output, "--withhold": withhold}
         others |= {"--period": period, "--sample": sample}
         replay_parts(
             (log, parts, checkpoint),
-            {"resume": resume, "window": window, "every": every, "smooth": smooth},
-            {"config": config, "filter": kind, "gate": gate, "json": json_file, "reading": reading},
+            {
+                "resume": resume,
+                "window": window,
+                "every": every,
+                "smooth": smooth,
+                "interval": interval,
+            },
+            {
+                "config": config,
+                "filter": kind,
+                "gate": gate,
+                "json": json_file,
+                "reading": reading,
+                "report": report,
+            },
             others,
+            shlex.join(_command()),
         )
         return
     request = cli.Replay(

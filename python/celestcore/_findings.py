@@ -211,7 +211,8 @@ def _bursts(s: Mapping[str, Any]) -> Iterator[Finding]:
     if not found or not s["accepted"]:
         return
     top = found[0]
-    many = f"{len(found):,} bursts" if len(found) > 1 else "one burst"
+    count = s.get("bursts_in_all", len(found))  # of very many only the longest are listed
+    many = f"{count:,} bursts" if count > 1 else "one burst"
     yield finding(
         "act" if top["fixes"] >= 4 * BURST else "look",
         "rejected bursts",
@@ -258,18 +259,24 @@ def of_gaps(gaps: Array, what: str = "gyro") -> Iterator[Finding]:
     )
 
 
-def of_restarts(times: Sequence[float]) -> Iterator[Finding]:
+def of_restarts(
+    times: Sequence[float],
+    name: str = "orbit filter",
+    advice: str = "A manoeuvre that the model does not know, a jump of a clock or wrong fixes do "
+    "that.",
+) -> Iterator[Finding]:
     """Yield that a filter lost its way and started again at some times [s]."""
     if not times:
         return
     often = f"{len(times)} times" if len(times) > 1 else "once"
+    later = " and later" if len(times) > 5 else ""
     yield finding(
         "act",
         "started again",
-        f"The orbit filter started again {often}",
-        f"At t = {', '.join(f'{t:.10g}' for t in times[:5])} s so many fixes running had been "
-        "rejected that the filter took them for right and itself for wrong.",
-        "A manoeuvre that the model does not know, a jump of a clock or wrong fixes do that.",
+        f"The {name} started again {often}",
+        f"At t = {', '.join(f'{t:.10g}' for t in times[:5])} s{later} so many fixes running had "
+        "been rejected that the filter took them for right and itself for wrong.",
+        advice,
         (times[0], times[-1]),
     )
 

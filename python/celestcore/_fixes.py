@@ -13,12 +13,34 @@ from celestcore.solution import Array
 from celestcore.units import ARCSEC
 
 if TYPE_CHECKING:
+    from celestcore._health import Windows
     from celestcore.gnss import GnssStarNavigator, GnssStarSolution
     from celestcore.log import SensorLog
     from celestcore.navigator import StarGyroNavigator
     from celestcore.solution import Solution
 
 GNSS_UNITS = {"position": ("m", 1.0), "velocity": ("m/s", 1.0)}
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """What is known of all of a sensor's measurements where `Fixes` hold only some of them.
+
+    Attributes
+    ----------
+    rejected : int
+    inside_3 : tuple of float
+        Share of the used innovations within three predicted sigmas, by axis.
+    inside_95 : float
+        Share of the used NIS between the 95 % bounds.
+    windows : Windows
+        Health over time.
+    """
+
+    rejected: int
+    inside_3: tuple[float, ...]
+    inside_95: float
+    windows: Windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +59,8 @@ class Fixes:
         In `unit`; None if they were not kept.
     configured : ndarray (axes,) or None
         The 1-sigma noise that the filter was told, in `unit`, along the same axes.
+    whole : Whole or None
+        If the rows are only some of the measurements: what is known of all.
     """
 
     name: str
@@ -49,6 +73,7 @@ class Fixes:
     innovation: Array | None
     sigma: Array | None
     configured: Array | None = None
+    whole: Whole | None = None
 
     @property
     def used(self) -> NDArray[np.bool_]:

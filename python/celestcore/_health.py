@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from celestcore import _core
 from celestcore._fixes import Fixes
-from celestcore.analysis.autocorrelation import whiteness
+from celestcore.analysis.autocorrelation import Whiteness, whiteness
 from celestcore.solution import Array
 
 MOST_WINDOWS = 120
@@ -90,6 +90,8 @@ class Windows:
 
 def windows(fixes: Fixes, first: float, last: float) -> Windows:
     """Return a sensor's health from `first` to `last` [s]."""
+    if fixes.whole is not None:
+        return fixes.whole.windows
     count = int(np.clip(len(fixes.t) // FIXES_A_WINDOW, 1, MOST_WINDOWS))
     edge = np.linspace(first, max(last, first + 1e-9), count + 1)
     where = np.clip(np.searchsorted(edge, fixes.t, side="right") - 1, 0, count - 1)
@@ -98,12 +100,36 @@ def windows(fixes: Fixes, first: float, last: float) -> Windows:
     good = np.bincount(where[used], minlength=count)
     total = np.bincount(where[used], weights=fixes.nis[used], minlength=count)
     rejected = np.bincount(where[~fixes.accepted], minlength=count)
+    return judged_windows(edge, n, good, rejected, np.asarray(total, dtype=np.float64), fixes.dof)
+
+
+def judged_windows(
+    edge: Array,
+    n: NDArray[np.int64],
+    good: NDArray[np.int64],
+    rejected: NDArray[np.int64],
+    total: Array,
+    axes: int,
+) -> Windows:
+    """Return windows with their states.
+
+    Parameters
+    ----------
+    edge : ndarray (k + 1,)
+    n, good, rejected : ndarray (k,) of int
+        Measurements, used ones and rejected ones.
+    total : ndarray (k,)
+        Sum of NIS of the used ones.
+    axes : int
+        Degrees of freedom of one.
+    """
+    count = len(n)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = total / (good * fixes.dof)
+        ratio = total / (good * axes)
     state = np.full(count, FINE)
     tail = 0.5 * (1.0 - SURE)
     for k in range(count):
-        dof = float(good[k] * fixes.dof)
+        dof = float(good[k] * axes)
         if dof == 0.0:
             state[k] = FEW
         elif ratio[k] > HIGH and total[k] > _core.chi2_quantile(1.0 - tail, dof):
@@ -170,23 +196,35 @@ def noise(fixes: Fixes) -> dict[str, Any] | None:
     rows = _settled(fixes)
     if fixes.innovation is None or fixes.sigma is None or not rows.any():
         return None
-    nu, sigma = fixes.innovation[rows], fixes.sigma[rows]
-    square, predicted = np.mean(nu * nu, axis=0), np.mean(sigma * sigma, axis=0)
+    sums = moments(fixes.innovation[rows], fixes.sigma[rows])
+    return noise_of(sums, int(rows.sum()), fixes.unit, fixes.axes, fixes.configured)
+
+
+def moments(nu: Array, sigma: Array) -> Array:
+    """Return the sums (5, axes) of innovations and their predicted sigmas that `noise_of` takes."""
     z = nu / sigma
-    length = np.sqrt(np.sum(z * z, axis=0))
+    return np.stack([np.sum(v, axis=0) for v in (nu, nu * nu, sigma * sigma, z, z * z)])
+
+
+def noise_of(
+    sums: Array, n: int, unit: str, axes: tuple[str, ...], configured: Array | None
+) -> dict[str, Any]:
+    """Return what `noise` does, from the sums of n innovations."""
+    mean, square, predicted, z, zz = sums / np.array([n, n, n, 1.0, 1.0])[:, None]
+    length = np.sqrt(zz)
     seen = None
-    if fixes.configured is not None:
-        variance = fixes.configured**2 + square - predicted
+    if configured is not None:
+        variance = configured**2 + square - predicted
         seen = np.sqrt(np.where(variance > 0.0, variance, np.nan))
     return {
-        "unit": fixes.unit,
-        "axes": list(fixes.axes),
+        "unit": unit,
+        "axes": list(axes),
         "rms": _list(np.sqrt(square)),
         "predicted": _list(np.sqrt(predicted)),
-        "ratio": _list(np.sqrt(np.mean(z * z, axis=0))),
-        "mean": _list(nu.mean(axis=0)),
-        "mean_errors": _list(z.sum(axis=0) / np.where(length > 0.0, length, np.inf)),
-        "configured": None if fixes.configured is None else _list(fixes.configured),
+        "ratio": _list(np.sqrt(zz / n)),
+        "mean": _list(mean),
+        "mean_errors": _list(z / np.where(length > 0.0, length, np.inf)),
+        "configured": None if configured is None else _list(configured),
         "seen": None if seen is None else _list(seen),
     }
 
@@ -213,9 +251,13 @@ def white(fixes: Fixes) -> dict[str, Any] | None:
     z = z - z.mean(axis=0)
     if not (z != 0.0).any(axis=0).all():
         return None
-    found = whiteness(z, lags=LAGS)
+    return white_of(whiteness(z, lags=LAGS))
+
+
+def white_of(found: Whiteness) -> dict[str, Any]:
+    """Return a test of whiteness as JSON has it."""
     return {
-        "lags": LAGS,
+        "lags": len(found.lag),
         "p": _list(found.p_value),
         "lag_1": _list(found.autocorrelation[0]),
         "white": found.white,

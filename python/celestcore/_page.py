@@ -14,6 +14,7 @@ from celestcore._panels import Panel, Section, Times, longest, page_data
 
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
 """The browser itself sees to it that the page loads nothing."""
+MOST_MARKS = 300
 BAR = """<div id="bar" role="toolbar" aria-label="zoom of all plots">
 <button data-act="left" aria-label="earlier">◀</button>
 <button data-act="out" aria-label="zoom out">−</button>
@@ -25,6 +26,7 @@ HELP = (
     "whole log; a click on a name in a key hides its line. Grey: gaps. Long series are thinned to "
     "the lowest and the highest value of each stretch, so spikes stay."
 )
+MARKS = "Violet: the filter started again."
 NO_SCRIPT = (
     "<noscript><p><b>The plots need JavaScript; words and numbers do not.</b></p></noscript>"
 )
@@ -218,6 +220,11 @@ def lanes(fixes: Sequence[Fixes], times: Times, carrier: str | None = "gyro") ->
     out = []
     if carrier is not None:
         out.append(f'<div>{escape(carrier)}</div><div class="lane s0">{gaps}</div>')
+    again = "".join(
+        block(t, t, "r", f"started again, t = {t:.10g} s") for t in times.marks[:MOST_MARKS]
+    )
+    if again:
+        out.append(f'<div>starts anew</div><div class="lane">{again}</div>')
     for each in fixes:
         blocks = "".join(
             block(
@@ -231,7 +238,8 @@ def lanes(fixes: Sequence[Fixes], times: Times, carrier: str | None = "gyro") ->
     ticks = f'<div></div><div class="ticks"><span>{begin}</span><span>{end}</span></div>'
     return (
         f'<div class="lanes">{"".join(out)}{ticks}</div>'
-        f'<p class="key">{key}<span class="swatch g"></span>gap</p>'
+        f'<p class="key">{key}<span class="swatch g"></span>gap'
+        + ('<span class="swatch r"></span>started again</p>' if again else "</p>")
     )
 
 

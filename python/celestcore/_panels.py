@@ -109,17 +109,29 @@ class Section:
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """The common time axis: how seconds become places, where gaps are, when t = 0 was."""
+    """The common time axis: how seconds become places, where gaps are, when t = 0 was.
+
+    `marks` are times [s] to be marked in every panel.
+    """
 
     axis: TimeAxis
     first: float
     last: float
     epoch: str | None = None
     gaps: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    marks: tuple[float, ...] = ()
 
     def place(self, t: float) -> float:
         """Return where a time [s] is on the axis."""
         return (t - self.axis.start) / self.axis.scale
+
+    def date(self, t: float) -> str:
+        """Return the date of a time [s], to the second; nothing unless the epoch is UTC."""
+        start = _milliseconds(self.epoch)
+        if start is None:
+            return ""
+        found = np.datetime64(round(start / 1e3 + t), "s")
+        return str(found).replace("T", " ")
 
     @property
     def unit(self) -> str:
@@ -139,6 +151,7 @@ def page_data(panels: Sequence[Panel], times: Times) -> dict[str, Any]:
         "epoch": _milliseconds(times.epoch),
         "span": [span[0] - pad, span[1] + pad],
         "gaps": times.axis(gaps).round(9).tolist(),
+        "marks": [round(times.place(t), 9) for t in times.marks[:MOST_GAPS]],
         "panels": [payload(panel, times, gaps) for panel in panels],
     }
 

@@ -14,14 +14,15 @@ from celestcore.config import Settings
 from celestcore.errors import InputError
 from celestcore.formats import open_log
 from celestcore.io import warn_left_out
-from celestcore.replay import Summary, run
+from celestcore.replay import Summary, report, run
+from celestcore.replay._report import check as check_report
 
 if TYPE_CHECKING:
     from celestcore.gnss import GnssStarNavigator
     from celestcore.navigator import StarGyroNavigator
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Parts:
     """What a replay in parts was asked for."""
 
@@ -31,17 +32,25 @@ class Parts:
     resume: bool = False
     window: float | None = None
     every: int = 1
+    interval: float = 30.0
     config: Path | None = None
     filter: str | None = None
     gate: float | None = None
     smooth: bool = False
     json: str | None = None
     reading: dict[str, Any] = dataclasses.field(default_factory=dict)
+    report: Path | None = None
+    told: dict[str, str] = dataclasses.field(default_factory=dict)
+    """Noise and gate of the run, in words."""
+    disorder: dict[str, str] = dataclasses.field(default_factory=dict)
+    """What a reader that puts rows in order made of those of each sensor, in words."""
 
     def check(self) -> None:
         """Refuse what cannot be written, before anything is computed."""
         if self.checkpoint is not None:
             check_output(self.checkpoint, "--checkpoint")
+        if self.report is not None:
+            check_report(self.report, "--report")
         if self.resume and self.checkpoint is None:
             raise InputError("needs --checkpoint FILE, to go on from", field="--resume")
         if not self.folder.absolute().parent.is_dir():
@@ -52,6 +61,8 @@ class Parts:
 
     def run(self, progress: Any = None) -> Summary:
         """Replay the log."""
+        from celestcore.cli import describe_settings
+
         with open_log(self.log, **self.reading) as stream:
             settings = Settings.from_dict(stream.settings)
             if self.config is not None:
@@ -61,19 +72,27 @@ class Parts:
                 options["filter"] = {"kind": self.filter}
             if self.gate is not None:
                 options["gate"] = {"probability": self.gate}
-            summary = run(
+            settings = settings.merged(options)
+            self.told = describe_settings(settings)
+            made = run(
                 stream,
-                _navigator(stream.sensors, settings.merged(options)),
+                _navigator(stream.sensors, settings),
                 self.folder,
                 window=self.window,
                 every=self.every,
                 smooth=self.smooth,
                 checkpoint=self.checkpoint,
+                interval=self.interval,
                 resume=self.resume,
                 progress=progress,
             )
             warn_left_out(stream)
-            return summary
+            for name, found in stream.reports.items():
+                if found.troubles:
+                    counts = (f"{n:,} {kind}" for kind, n in found.troubles.items())
+                    since = " since it went on" if made.resumed else ""
+                    self.disorder[f"Rows of {name} out of order{since}"] = ", ".join(counts)
+            return made
 
     def words(self, summary: Summary) -> list[str]:
         """Return what happened as lines for people."""
@@ -91,6 +110,7 @@ class Parts:
         if summary.late:
             lost = ", ".join(f"{n:,} of {name}" for name, n in summary.late.items())
             out.append(f"too late for their time and left out: {lost}")
+        out += [f"{name.lower()}: {counted}" for name, counted in self.disorder.items()]
         # after a stop the counts are of all runs together, the time of the last one alone
         timed = not summary.resumed and summary.elapsed_s > 0.0
         what = "gyro samples" if summary.samples else "fixes"
@@ -99,8 +119,13 @@ class Parts:
         out.append(f"{summary.elapsed_s:.1f} s{speed}")
         return out
 
-    def write(self, summary: Summary) -> None:
-        """Write the summary as JSON."""
+    def write(self, summary: Summary, command: str) -> None:
+        """Write the report and the summary as JSON."""
+        if self.report is not None:
+            with open_log(self.log) as stream:
+                title = stream.settings.get("log", {}).get("title") or self.log.name
+            more = {**self.told, **self.disorder}
+            report(self.folder, self.report, title=str(title), settings=more, command=command)
         text = json.dumps(dataclasses.asdict(summary), indent=1)
         if self.json == "-":
             print(text)
@@ -123,6 +148,7 @@ def replay_parts(
     how: dict[str, Any],
     more: dict[str, Any],
     others: dict[str, Any],
+    command: str,
 ) -> None:
     """Run ``celestcore replay --parts`` and say what happened."""
     log, folder, checkpoint = paths
@@ -130,7 +156,9 @@ def replay_parts(
         if value is not None:
             raise InputError("does not go with --parts, which writes parts alone", field=option)
     if folder is None:
-        raise InputError("is needed with --checkpoint: a folder for the results", field="--parts")
+        raise InputError(
+            "is needed with --checkpoint and --reorder: a folder for the results", field="--parts"
+        )
     if log is None:
         raise InputError("give a LOG to replay in parts", field="LOG")
     request = Parts(log=log, folder=folder, checkpoint=checkpoint, **how, **more)
@@ -139,7 +167,9 @@ def replay_parts(
     console = rich.Console(stderr=more["json"] == "-", highlight=False, markup=False)
     with console.status("replaying") as status:
         summary = request.run(lambda t: status.update(f"replaying: t = {t:,.0f} s"))
-    request.write(summary)
+    request.write(summary, command)
     for line in request.words(summary):
         console.print(line, soft_wrap=True)
     console.print(f"parts: {folder}", soft_wrap=True)
+    if request.report is not None:
+        console.print(f"report: {request.report}", soft_wrap=True)

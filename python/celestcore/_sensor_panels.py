@@ -47,6 +47,7 @@ def _innovation(fixes: Fixes, k: int) -> Panel:
     assert fixes.sigma is not None
     value, band, used = fixes.innovation[:, k], 3.0 * fixes.sigma[:, k], fixes.accepted
     inside = np.abs(value[used]) <= band[used]
+    share = _percent(inside) if fixes.whole is None else _spelt(fixes.whole.inside_3[k])
     known = band[np.isfinite(band)]
     limit = 1.25 * max(_percentile(known, 98), _largest(np.abs(value[used]))) or 1.0
     series = [
@@ -55,7 +56,7 @@ def _innovation(fixes: Fixes, k: int) -> Panel:
         *_rejected(fixes, value, -0.96 * limit, 0.96 * limit),
     ]
     return Panel(
-        title=f"{fixes.name}, {fixes.axes[k]}: {_percent(inside)} in ±3 sigma",
+        title=f"{fixes.name}, {fixes.axes[k]}: {share} in ±3 sigma",
         unit=fixes.unit,
         t=fixes.t,
         series=tuple(series),
@@ -66,7 +67,7 @@ def _innovation(fixes: Fixes, k: int) -> Panel:
 
 def _rejected(fixes: Fixes, value: Array, low: float, high: float) -> list[Series]:
     """Return the rejected ones as rings, at the picture's edge if they lie beyond it."""
-    rejected = int((~fixes.accepted).sum())
+    rejected = int((~fixes.accepted).sum()) if fixes.whole is None else fixes.whole.rejected
     if rejected == 0:
         return []
     mine = np.where(fixes.accepted, np.nan, value)
@@ -84,11 +85,17 @@ def _nis(fixes: Fixes) -> Panel:
     low, high = chi2_bounds(fixes.dof)
     nis = fixes.nis[used]
     inside = inside_95(nis, np.full(len(nis), fixes.dof))
+    share = _percent(inside) if fixes.whole is None else _spelt(fixes.whole.inside_95)
     bottom = 10.0 ** math.floor(math.log10(low / 10.0))
     top = 4.0 * max(high, _largest(nis))
     shown = np.where(used, np.maximum(fixes.nis, 1.05 * bottom), np.nan)
     series = [Series("used", shown, X, kind="dots", exact=np.where(used, fixes.nis, np.nan))]
-    if len(nis) >= 50:
+    if fixes.whole is not None:  # a mean over what is drawn would be one of its extremes
+        seen = fixes.whole.windows
+        row = np.clip(np.searchsorted(seen.edge, fixes.t, side="right") - 1, 0, len(seen.ratio) - 1)
+        mean = fixes.dof * seen.ratio[row]
+        series.append(Series("mean of a window", mean, INK, kind="dash"))
+    elif len(nis) >= 50:
         window = max(25, len(nis) // 60)
         running = np.full(len(fixes.t), np.nan)
         total = np.cumsum(np.concatenate([[0.0], nis]))
@@ -97,7 +104,7 @@ def _nis(fixes: Fixes) -> Panel:
         series.append(Series(f"mean of {window}", running, INK, kind="dash"))
     series += _rejected(fixes, fixes.nis, 1.2 * bottom, top / 1.2)
     return Panel(
-        title=f"{fixes.name} (should average {fixes.dof}): {_percent(inside)} in 95 % bounds",
+        title=f"{fixes.name} (should average {fixes.dof}): {share} in 95 % bounds",
         unit="",
         t=fixes.t,
         series=tuple(series),
@@ -171,4 +178,8 @@ def _percentile(value: Array, q: float) -> float:
 
 
 def _percent(inside: NDArray[np.bool_]) -> str:
-    return f"{100.0 * float(np.mean(inside)):.1f} %" if len(inside) else "none"
+    return _spelt(float(np.mean(inside)) if len(inside) else math.nan)
+
+
+def _spelt(share: float) -> str:
+    return f"{100.0 * share:.1f} %" if math.isfinite(share) else "none"

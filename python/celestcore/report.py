@@ -17,6 +17,7 @@ from celestcore._fixes import Fixes, of_attitude
 from celestcore._page import marked
 from celestcore._panels import Panel, Section, Times
 from celestcore.errors import InputError
+from celestcore.solution import Array
 from celestcore.summary import drift_words, headline, spell_time
 from celestcore.units import ARCSEC, DEG_PER_HOUR
 
@@ -120,8 +121,8 @@ def page(
         "<h2>What was run</h2>",
         _run_table(solution, result, settings or {}, command),
         "<h2>What came out</h2>",
-        _sensor_table(result),
-        _final_table(solution, result),
+        sensor_table(result),
+        final_table(result),
     ]
     if result.get("withheld"):
         parts += ["<h2>How far does it drift without fixes?</h2>", _withheld(result)]
@@ -132,8 +133,8 @@ def page(
         f'<p class="note">{escape(axis.label)}. {escape(_page.HELP)}</p>',
         *_page.sections(_sections(solution, fixes, times), panels),
         _page.noise_table(result),
-        _gap_table(solution),
-        _footer(solution, result),
+        gap_table(solution.gaps),
+        footer(solution.frames, result),
     ]
     lead = headline(dict(result))
     return _page.document(title, lead, parts, panels, times, result, STYLE)
@@ -173,7 +174,7 @@ def _cards(solution: Solution, result: Mapping[str, Any]) -> str:
                 "rms of prediction minus fix",
             ),
             (_page.number(size, "″"), "expected error at the end (1 sigma)"),
-            (_speed(speed), "gyro samples per second"),
+            (speed_words(speed), "gyro samples per second"),
         ]
     )
 
@@ -186,12 +187,12 @@ def _run_table(
         "Log": escape(result["log"] or "unnamed"),
         "Start (t = 0)": escape(solution.epoch or "not given"),
         "Length": spell_time(result["span_s"]),
-        "Filter": escape(_filter(solution)),
+        "Filter": escape(filter_words(solution.filter, smoothed=solution.smoothed)),
         **told,
         "Fixes that set the start": marked(result, "counts.start"),
         "Missing measurements (NaN)": marked(result, "counts.missing"),
         "Fixes before the start or after the gyro's last sample": marked(result, "counts.outside"),
-        "Gyro gaps": _gaps(solution),
+        "Gyro gaps": gap_words(solution.gaps),
     }
     if command:
         rows["Command"] = f"<code>{escape(command)}</code>"
@@ -199,32 +200,31 @@ def _run_table(
     return f"<table>{''.join(cells)}</table>"
 
 
-def _gaps(solution: Solution) -> str:
-    if len(solution.gaps) == 0:
+def gap_words(gaps: Array) -> str:
+    """Return how many gaps (k, 2) there are, and the longest, in words."""
+    if len(gaps) == 0:
         return "none"
-    length = solution.gaps[:, 1] - solution.gaps[:, 0]
+    length = gaps[:, 1] - gaps[:, 0]
     longest = int(np.argmax(length))
     return (
         f"{len(length):,}, together {spell_time(float(length.sum()))}, the longest "
-        f"{spell_time(float(length[longest]))} at t = {solution.gaps[longest, 0]:.10g} s"
+        f"{spell_time(float(length[longest]))} at t = {gaps[longest, 0]:.10g} s"
     )
 
 
-def _gap_table(solution: Solution) -> str:
-    """Return the longest gaps, longest first."""
-    if len(solution.gaps) < 2:
+def gap_table(gaps: Array) -> str:
+    """Return the longest gaps (k, 2) as a table, longest first."""
+    if len(gaps) < 2:
         return ""
-    length = solution.gaps[:, 1] - solution.gaps[:, 0]
+    length = gaps[:, 1] - gaps[:, 0]
     order = np.argsort(-length, kind="stable")[:MOST_GAPS]
-    rows = [
-        (*(f"{v:.10g}" for v in solution.gaps[k]), escape(spell_time(float(length[k]))))
-        for k in order
-    ]
+    rows = [(*(f"{v:.10g}" for v in gaps[k]), escape(spell_time(float(length[k])))) for k in order]
     more = "" if len(length) <= MOST_GAPS else f", the {MOST_GAPS} longest of {len(length):,}"
     return f"<h2>Gyro gaps{more}</h2>" + _page.grid(("begin [s]", "end [s]", "length"), rows)
 
 
-def _sensor_table(result: Mapping[str, Any]) -> str:
+def sensor_table(result: Mapping[str, Any]) -> str:
+    """Return each sensor's counts, innovations and NIS."""
     rows = []
     for k, sensor in enumerate(result["sensors"]):
         at = f"sensors.{k}."
@@ -253,7 +253,8 @@ def _sensor_table(result: Mapping[str, Any]) -> str:
     return _page.grid(head, rows)
 
 
-def _final_table(solution: Solution, result: Mapping[str, Any]) -> str:
+def final_table(result: Mapping[str, Any]) -> str:
+    """Return the state at the end."""
     final = result["final"]
     if not final:
         return ""
@@ -314,9 +315,10 @@ def _withheld(result: Mapping[str, Any]) -> str:
     )
 
 
-def _footer(solution: Solution, result: Mapping[str, Any]) -> str:
-    inertial = solution.frames.get("inertial", "the inertial frame")
-    body = f" ({solution.frames['body']})" if "body" in solution.frames else ""
+def footer(frames: Mapping[str, str], result: Mapping[str, Any]) -> str:
+    """Return the conventions and what made the page."""
+    inertial = frames.get("inertial", "the inertial frame")
+    body = f" ({frames['body']})" if "body" in frames else ""
     return (
         f"<footer>Conventions: quaternions are Hamilton, scalar first, and take vectors from the "
         f"body frame{escape(body)} to {escape(inertial)}; sigmas are about the body axes; "
@@ -326,16 +328,18 @@ def _footer(solution: Solution, result: Mapping[str, Any]) -> str:
     )
 
 
-def _speed(per_second: float | None) -> str:
+def speed_words(per_second: float | None) -> str:
+    """Return a speed for people."""
     if per_second is None:
         return "n/a"
     big = per_second >= 1e5
     return f"{per_second / 1e6:.3g} million" if big else f"{per_second:,.0f}"
 
 
-def _filter(solution: Solution) -> str:
-    name = _FILTERS.get(solution.filter.lower(), solution.filter or "unknown")
-    return f"{name}, forward and back: not causal" if solution.smoothed else name
+def filter_words(kind: str, *, smoothed: bool) -> str:
+    """Return a filter's full name."""
+    name = _FILTERS.get(kind.lower(), kind or "unknown")
+    return f"{name}, forward and back: not causal" if smoothed else name
 
 
 _FILTERS = {

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import celestcore as cc
 import numpy as np
 import pytest
 from celestcore import cli, replay
 
-pytest.importorskip("pyarrow")
+pyarrow = pytest.importorskip("pyarrow")
+parquet = pytest.importorskip("pyarrow.parquet")
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +48,34 @@ def test_a_file_is_replayed_in_parts(log, tmp_path, capsys):
     whole = cc.Settings.from_log(cc.sample("fermi")).navigator().run(cc.sample("fermi"), every=60)
     np.testing.assert_array_equal(rows["t"][: len(whole.t)], whole.t)
     assert "43,195 gyro samples" in capsys.readouterr().out
+
+
+def test_rows_that_go_back_are_left_out_on_demand(log, tmp_path, capsys):
+    broken = tmp_path / "log"
+    shutil.copytree(log, broken)
+    table = parquet.read_table(broken / "gyro.parquet")
+    t = table["t"].to_numpy().copy()
+    t[1000:1060] += 5.0
+    parquet.write_table(table.set_column(0, "t", pyarrow.array(t)), broken / "gyro.parquet")
+    words = ["replay", broken, "--every", 60]
+    assert command(*words, "--parts", tmp_path / "a") != 0
+    assert "goes back" in capsys.readouterr().err.replace("\n", " ")
+    page = tmp_path / "b.html"
+    assert command(*words, "--parts", tmp_path / "b", "--reorder", 0, "--report", page) == 0
+    assert "Rows of gyro out of order</th><td>5 late" in page.read_text(encoding="utf-8")
+    assert "rows of gyro out of order: 5 late" in capsys.readouterr().out
+    assert command(*words, "--reorder", 0) != 0
+    assert "--parts" in capsys.readouterr().err
+
+
+def test_a_report_is_written(log, tmp_path, capsys):
+    page = tmp_path / "a.html"
+    done = command("replay", log, "--parts", tmp_path / "out", "--every", 60, "--report", page)
+    assert done == 0
+    text = page.read_text(encoding="utf-8")
+    assert "Fermi gamma-ray telescope" in text
+    assert "Noise of star</th><td>2 arcsec (1 sigma)" in text
+    assert f"report: {page}" in capsys.readouterr().out
 
 
 def test_a_stopped_command_goes_on(log, tmp_path, capsys):
@@ -96,6 +126,9 @@ def test_a_stopped_command_goes_on(log, tmp_path, capsys):
         (["--parts", "x", "--resume"], "--resume.*needs --checkpoint"),
         (["--parts", "no/such/x"], "does not exist: create it first"),
         (["--parts", "x", "--checkpoint", "no/such/c.json"], "does not exist"),
+        (["--parts", "x", "--report", "a.png"], r"--report.*let its name end in \.html"),
+        (["--parts", "x", "--report", "no/such/a.html"], "does not exist"),
+        (["--parts", "x", "--checkpoint", "c.json", "--interval", "-1"], "interval"),
     ],
 )
 def test_options_are_checked(log, tmp_path, monkeypatch, capsys, words, message):

@@ -265,6 +265,42 @@ def test_a_checkpoint_is_checked(log, nav, tmp_path):
         )
 
 
+def test_a_replay_stopped_before_its_first_interval_goes_on(log, nav, tmp_path):
+    """Parts are there long before a checkpoint is due: they must not stand in the way."""
+    given = {"window": 60.0, "checkpoint": tmp_path / "c.json", "interval": 1e9}
+    with pytest.raises(StoppedError):
+        replay.run(log, nav, tmp_path / "out", **given, progress=stopping(3))
+    assert (tmp_path / "c.json").exists()
+    assert len(replay.read(tmp_path / "out")["rows"]["t"])
+    done = replay.run(log, nav, tmp_path / "out", **given, resume=True)
+    replay.run(log, nav, tmp_path / "whole", window=60.0)
+    assert done.resumed
+    same(replay.read(tmp_path / "whole"), replay.read(tmp_path / "out"))
+
+
+def test_gaps_starts_anew_and_the_noise_told_are_beside_the_rows(log, nav, tmp_path):
+    broken = cc.simulate.faults.dropout(log, "gyro", 300.0, 320.0)
+    broken = cc.simulate.faults.bias_step(broken, 900.0, 1e9, [0.0, 5e-3, 0.0])
+    with pytest.warns(cc.CelestcoreWarning, match="started again"):
+        summary = replay.run(broken, nav, tmp_path / "out", window=100.0)
+    found = replay.read(tmp_path / "out")
+    events = found["events"]
+    assert events["kind"].tolist() == ["gap", *["restart"] * len(summary.restarts)]
+    assert events["t"][0] < 300.0 < 320.0 <= events["t_end"][0] < 320.5
+    np.testing.assert_array_equal(events["t"][1:], summary.restarts)
+    for name in ("sx", "sy", "sz"):
+        np.testing.assert_allclose(found["health"][name], 60 * cc.ARCSEC)
+
+
+def test_refusals_are_said_once_and_not_window_by_window(log, nav, tmp_path):
+    star = log.stars["star"]
+    turned = cc.simulate.faults.jump(log, "star", 400.0, 1200.0, [0.0, 0.02, 0.0])
+    assert len(turned.stars["star"]) == len(star)
+    with pytest.warns(cc.CelestcoreWarning) as said:
+        replay.run(turned, nav, tmp_path / "out", window=100.0, max_rejected=None)
+    assert len([w for w in said if "outside the gate" in str(w.message)]) == 1
+
+
 def test_rows_that_come_late_are_counted(log, nav, tmp_path):
     windows = list(windows_of(log, 200.0))
     t, q = windows[3]["star"]

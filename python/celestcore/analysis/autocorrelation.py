@@ -125,8 +125,14 @@ def whiteness(
     power = np.sum(z * z, axis=0)
     if not np.all(power > 0.0):
         raise InputError("is zero throughout", field="innovation")
+    r = np.array([np.sum(z[j:] * z[:-j], axis=0) / power for j in range(1, k + 1)])
+    return tested(r, n, np.sum(z, axis=0) / np.sqrt(power), p)
+
+
+def tested(r: Array, n: int, mean: Array, p: float) -> Whiteness:
+    """Return the test of an autocorrelation (lags, axes) of `n` innovations."""
+    k = len(r)
     lag = np.arange(1, k + 1)
-    r = np.array([np.sum(z[j:] * z[:-j], axis=0) / power for j in lag])
     box = n * (n + 2.0) * np.sum(r * r / (n - lag)[:, None], axis=0)
     bound = float(np.sqrt(_core.chi2_quantile(p, 1.0) / n))
     return Whiteness(
@@ -136,7 +142,7 @@ def whiteness(
         inside=np.mean(np.abs(r) <= bound, axis=0),
         ljung_box=box,
         p_value=np.array([1.0 - _core.chi2_cdf(float(q), k) for q in box]),
-        mean=np.sum(z, axis=0) / np.sqrt(power),
+        mean=mean,
         probability=p,
     )
 

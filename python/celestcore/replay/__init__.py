@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from celestcore.replay._checkpoint import Checkpoint, read_checkpoint
 from celestcore.replay._parts import read
+from celestcore.replay._report import report
 from celestcore.replay._run import Summary, run
 
-__all__ = ["Checkpoint", "Summary", "read", "read_checkpoint", "run"]
+__all__ = ["Checkpoint", "Summary", "read", "read_checkpoint", "report", "run"]

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from celestcore._check import FloatArray
+from celestcore._check import FloatArray, warn
+from celestcore._fixes import configured_noise
 from celestcore._replay import BIAS_SIGMA
 from celestcore._tables import parts_of
+from celestcore.errors import CelestcoreWarning
 from celestcore.log import SensorLog
 from celestcore.navigator import GAP_STEPS, StarGyroNavigator
 from celestcore.replay._forward import Made, Source, health_table
 from celestcore.replay._stuck import stuck
 from celestcore.replay._windows import Piece, Splicer
 from celestcore.solution import Solution
+from celestcore.summary import MANY_REJECTED
 
 
 @dataclass(frozen=True)
@@ -100,8 +104,13 @@ class StarGyroForward:
         self.state = State(**{f.name: kept[f.name] for f in dataclasses.fields(State)})
         self._splicer.reached = self.reached
 
-    def finish(self) -> None:
-        """Warn of nothing more: the runs over the pieces have done so."""
+    def finish(self, fixes: int, rejected: int) -> None:
+        """Warn of many refused measurements."""
+        if rejected > max(10, MANY_REJECTED * fixes):
+            warn(
+                f"{rejected} of {fixes} measurements were outside the gate: see what "
+                "celestcore.replay.report says of when"
+            )
 
     def step(self, *, last: bool) -> Made | None:
         """Go on as far as what is there allows; None if there is not enough for a row."""
@@ -135,7 +144,7 @@ class StarGyroForward:
         assert log.gyro is not None
         if self.navigator.gyro.max_gap is None:
             self._fix_gap(GAP_STEPS * float(np.median(np.diff(log.gyro.t))))
-        made = _Collected(self.options["innovations"])
+        made = _Collected(self.options["innovations"], self.navigator)
         while log is not None:
             begin, again = self.state, self._again
             sol = self._run(log, begin, again)
@@ -168,7 +177,10 @@ class StarGyroForward:
                 "sigma0": (1.0, BIAS_SIGMA),
                 "noise_scale0": begin.noise_scale,
             }
-        return self.navigator.run(log, every=self.options["every"], **given)
+        with warnings.catch_warnings():
+            # said of the whole replay at its end, and not of every piece and every start anew
+            warnings.filterwarnings("ignore", ".* outside the gate", CelestcoreWarning)
+            return self.navigator.run(log, every=self.options["every"], **given)
 
     def _smoothed(
         self,
@@ -213,12 +225,13 @@ class StarGyroForward:
 class _Collected:
     """Rows, measurements and health of a piece, of one solution or of several that follow."""
 
-    def __init__(self, innovations: str) -> None:
-        self.innovations = innovations
+    def __init__(self, innovations: str, navigator: StarGyroNavigator) -> None:
+        self.innovations, self.navigator = innovations, navigator
         self.restarts: list[float] = []
         self._rows: list[dict[str, Any]] = []
         self._measurements: list[dict[str, Any]] = []
         self._health: list[dict[str, Any]] = []
+        self._gaps: list[FloatArray] = []
         self._counts = {"samples": 0, "fixes": 0, "rejected": 0}
         self._likelihood = 0.0
 
@@ -230,7 +243,9 @@ class _Collected:
         if self.innovations != "none":
             names = list(measured) if self.innovations == "full" else list(measured)[:5]
             self._measurements.append({name: measured[name] for name in names})
-        self._health.append(health(sol))
+        told = None if sol.source is None else configured_noise(self.navigator, sol.source[0])
+        self._health.append(health(sol, told or {}))
+        self._gaps.append(sol.gaps)
         self._counts["samples"] += sol.counts["samples"] - first
         self._counts["fixes"] += sol.counts["fixes"]
         self._counts["rejected"] += sol.counts["rejected"]
@@ -239,18 +254,28 @@ class _Collected:
     def made(self) -> Made:
         """Return all of it."""
         tables = {"rows": _stacked(self._rows), "health": _stacked(self._health)}
+        tables["events"] = events(np.concatenate(self._gaps), self.restarts)
         if self._measurements:
             tables["measurements"] = _stacked(self._measurements)
         return Made(tables, **self._counts, log_likelihood=self._likelihood, restarts=self.restarts)
 
 
-def health(sol: Solution) -> dict[str, Any]:
-    """Return how each sensor fared over a solution."""
+def health(sol: Solution, told: Mapping[str, FloatArray]) -> dict[str, Any]:
+    """Return how each sensor fared over a solution, and the noise that the filter was told."""
     sensors = {}
     for number, name in enumerate(sol.sensor_names):
         own = sol.sensor == number
         sensors[name] = sol.nis[own], sol.dof[own], sol.accepted[own]
-    return health_table((float(sol.t[0]), float(sol.t[-1])), sensors)
+    return health_table((float(sol.t[0]), float(sol.t[-1])), sensors, told)
+
+
+def events(gaps: FloatArray, restarts: list[float]) -> dict[str, Any]:
+    """Return the gyro's gaps and the starts anew in order of time."""
+    begin = np.concatenate([gaps[:, 0], np.asarray(restarts)])
+    end = np.concatenate([gaps[:, 1], np.asarray(restarts)])
+    kind = np.array(["gap"] * len(gaps) + ["restart"] * len(restarts), dtype="<U8")
+    order = np.argsort(begin, kind="stable")
+    return {"t": begin[order], "t_end": end[order], "kind": kind[order]}
 
 
 def _stacked(tables: list[dict[str, Any]]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
+from celestcore._check import FloatArray
 from celestcore.errors import InputError
 from celestcore.replay._source import Tables
 
@@ -66,8 +67,8 @@ class Forward(Protocol):
     def restore(self, kept: dict[str, Any] | None, late: Mapping[str, int]) -> None:
         """Go on from what a checkpoint kept."""
 
-    def finish(self) -> None:
-        """Warn of what the whole log has shown."""
+    def finish(self, fixes: int, rejected: int) -> None:
+        """Warn of what the whole log has shown, with so many measurements seen and refused."""
 
 
 @dataclass(frozen=True)
@@ -91,19 +92,26 @@ def refused(navigator: Any, options: Mapping[str, Any], source: Source) -> NoRet
     )
 
 
+HEALTH = ("t", "t_end", "sensor", "fixes", "rejected", "nis_per_dof", "sx", "sy", "sz")
+
+
 def health_table(
-    span: tuple[float, float], sensors: Mapping[str, tuple[Any, Any, Any]]
+    span: tuple[float, float],
+    sensors: Mapping[str, tuple[Any, Any, Any]],
+    told: Mapping[str, FloatArray] | None = None,
 ) -> dict[str, Any]:
     """Return how each sensor fared: measurements, refused ones, mean NIS per degree of freedom.
 
-    `sensors` has NIS, degrees of freedom and whether it was used of each measurement.
+    `sensors` has NIS, degrees of freedom and whether it was used of each measurement; `told` is
+    the noise that the filter was told, along the axes of the innovations, where it is known.
     """
-    out: dict[str, list[Any]] = {
-        name: [] for name in ("t", "t_end", "sensor", "fixes", "rejected", "nis_per_dof")
-    }
+    out: dict[str, list[Any]] = {name: [] for name in HEALTH}
     for name, (nis, dof, accepted) in sensors.items():
         mean = float((nis / dof).mean()) if len(nis) else np.nan
-        values = (*span, name, len(nis), int((~accepted).sum()), mean)
+        sigma = np.full(3, np.nan)
+        known = (told or {}).get(name, sigma)
+        sigma[: len(known)] = known
+        values = (*span, name, len(nis), int((~accepted).sum()), mean, *sigma.tolist())
         for column, value in zip(out.values(), values, strict=True):
             column.append(value)
     return {name: np.asarray(column) for name, column in out.items()}

@@ -116,8 +116,8 @@ class GnssForward:
         if self.nav.gyro is not None:
             self.nav.gyro = dataclasses.replace(self.nav.gyro, max_gap=max_gap)
 
-    def finish(self) -> None:
-        """Warn of what the whole log has shown."""
+    def finish(self, fixes: int, rejected: int) -> None:
+        """Warn of what the whole log has shown, by kinds of measurements."""
         state = self._state
         if state is None:
             raise InputError("is missing: the log has no GNSS fixes", field="gnss")

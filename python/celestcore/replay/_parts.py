@@ -15,7 +15,7 @@ from celestcore._optional import require
 from celestcore.errors import InputError
 from celestcore.replay._checkpoint import sync_folder
 
-TABLES = ("rows", "measurements", "health")
+TABLES = ("rows", "measurements", "health", "events")
 COMPRESSION = "snappy"
 Columns = Mapping[str, Any]
 
@@ -30,8 +30,8 @@ class Parts:
         self._unsynced: list[Path] = []
         self._note = {b"celestcore": json.dumps(note).encode()}
 
-    def begin(self, complete: int) -> None:
-        """Keep the first so many parts of every table, and nothing else.
+    def begin(self, complete: int | None) -> None:
+        """Keep the first so many parts of every table, and nothing else; None begins anew.
 
         Raises
         ------
@@ -43,7 +43,7 @@ class Parts:
         for table in TABLES:
             own = self.folder / table
             found = sorted(own.glob("part-*.parquet")) if own.is_dir() else []
-            if complete == 0 and found:
+            if complete is None and found:
                 raise InputError(
                     "holds the parts of another replay: give another folder, or resume",
                     field="out",
@@ -53,7 +53,7 @@ class Parts:
             for path in own.glob(".*.tmp*"):
                 path.unlink()
             for path in found:
-                if int(path.stem.removeprefix("part-")) >= complete:
+                if int(path.stem.removeprefix("part-")) >= (complete or 0):
                     path.unlink()  # after the checkpoint: it will be written again
 
     def write(self, part: int, tables: Mapping[str, Columns]) -> None:
@@ -111,7 +111,8 @@ def read(folder: str | os.PathLike[str]) -> dict[str, dict[str, Any]]:
     -------
     dict of str to dict of str to ndarray
         Tables ``rows`` (as `Solution.columns` or `GnssStarSolution.columns`), ``measurements`` (as
-        `Solution.measurement_columns`) and ``health``.
+        `Solution.measurement_columns`), ``health`` (each sensor in each part, its noise as the
+        filter was told [rad]) and ``events`` (gaps of the gyro, starts anew; their times).
 
     Raises
     ------

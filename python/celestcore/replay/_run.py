@@ -14,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from celestcore._arguments import count
 from celestcore._check import number, warn
 from celestcore._files import replacing
@@ -198,7 +200,9 @@ def run(
     if resume and checkpoint is None:
         raise InputError("is needed to resume", field="checkpoint")
     known = Source(epoch_of(source, epoch), names_of(source))
-    job = _Job(forward_of(navigator, options, known), navigator.filter.kind, known, Path(out))
+    forward = forward_of(navigator, options, known)
+    told = {"filter": navigator.filter.kind, "gate": navigator.gate}
+    job = _Job(forward, told, known, Path(out))
     memory = (checkpoint, number(interval, "interval", at_least=0.0))
 
     def windows(reached: float) -> Iterator[Stretch]:
@@ -210,9 +214,9 @@ def run(
 class _Job:
     """One replay."""
 
-    def __init__(self, forward: Forward, kind: str, source: Source, out: Path) -> None:
+    def __init__(self, forward: Forward, told: dict[str, Any], source: Source, out: Path) -> None:
         self.forward, self.options, self.out = forward, dict(forward.options), out
-        note = {"version": package_version(), "filter": kind, "options": self.options}
+        note = {"version": package_version(), "options": self.options, **told}
         self.note = {**note, "epoch": None if source.epoch is None else str(source.epoch)}
         what = json.dumps(self.note, sort_keys=True) + forward.described
         self.digest = hashlib.sha256(what.encode()).hexdigest()
@@ -228,7 +232,7 @@ class _Job:
         began = time.perf_counter()
         path, interval = memory
         known = self._known(path) if resume else None
-        self.parts.begin(0 if known is None else known.parts)
+        self.parts.begin(None if known is None else known.parts)
         forward, summary = self.forward, Summary()
         if known is not None:
             summary = Summary(**{**known.counts, "resumed": True})
@@ -238,6 +242,9 @@ class _Job:
             closing(iter(Ahead(windows(forward.reading_from), 1))) as ahead,
             Background(WAITING) as writer,
         ):
+            if path is not None and known is None:
+                # at once: parts without a checkpoint could not be gone on with
+                writer.do(self._checkpoint(path, -np.inf, forward, summary))
             written = time.monotonic()
             for window in ahead:
                 if known is not None and window.known <= known.upto:
@@ -305,7 +312,7 @@ class _Job:
 
     def _finish(self, forward: Forward, summary: Summary) -> None:
         self.parts.sync()
-        forward.finish()
+        forward.finish(summary.fixes, summary.rejected)
         summary.late = dict(forward.late)
         text = json.dumps({**self.note, **dataclasses.asdict(summary)}, indent=1)
         with replacing(self.out / "summary.json") as temporary:

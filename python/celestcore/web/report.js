@@ -66,6 +66,15 @@
       if (b < u.scales.x.min || a > u.scales.x.max) continue;
       ctx.fillRect(x(a), top, Math.max(x(b) - x(a), 1), height);
     }
+    ctx.strokeStyle = "#6A3D9A70";
+    ctx.lineWidth = devicePixelRatio;
+    for (const t of page.marks) {
+      if (t < u.scales.x.min || t > u.scales.x.max) continue;
+      ctx.beginPath();
+      ctx.moveTo(x(t), top);
+      ctx.lineTo(x(t), top + height);
+      ctx.stroke();
+    }
     ctx.strokeStyle = "#D55E00";
     ctx.lineWidth = devicePixelRatio;
     ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
