@@ -61,8 +61,6 @@ class Parts:
 
     def run(self, progress: Any = None) -> Summary:
         """Replay the log."""
-        from celestcore.cli import describe_settings
-
         with open_log(self.log, **self.reading) as stream:
             settings = Settings.from_dict(stream.settings)
             if self.config is not None:
@@ -73,10 +71,16 @@ class Parts:
             if self.gate is not None:
                 options["gate"] = {"probability": self.gate}
             settings = settings.merged(options)
-            self.told = describe_settings(settings)
+            navigator, self.told = _navigator(stream.sensors, settings)
+            if self.report is not None and "Noise of positions" in self.told:
+                raise InputError(
+                    "tells of attitudes from a gyro and star cameras; without --parts it tells of "
+                    "logs with GNSS fixes, too",
+                    field="--report",
+                )
             made = run(
                 stream,
-                _navigator(stream.sensors, settings),
+                navigator,
                 self.folder,
                 window=self.window,
                 every=self.every,
@@ -134,13 +138,18 @@ class Parts:
                 temporary.write_text(text + "\n", encoding="utf-8")
 
 
-def _navigator(names: Collection[str], settings: Settings) -> StarGyroNavigator | GnssStarNavigator:
-    """Return the navigator that a replay of the log as a whole takes."""
+def _navigator(
+    names: Collection[str], settings: Settings
+) -> tuple[StarGyroNavigator | GnssStarNavigator, dict[str, str]]:
+    """Return the navigator that a replay of the log as a whole takes, and its noise in words."""
     from celestcore import _gnss_replay
+    from celestcore._gnss_words import settings_words
+    from celestcore.cli import describe_settings
 
     if _gnss_replay.wanted_of(names, settings):
-        return _gnss_replay.navigator_of(names, settings)
-    return settings.navigator()
+        navigator = _gnss_replay.navigator_of(names, settings)
+        return navigator, settings_words(navigator)
+    return settings.navigator(), describe_settings(settings)
 
 
 def replay_parts(
@@ -156,9 +165,7 @@ def replay_parts(
         if value is not None:
             raise InputError("does not go with --parts, which writes parts alone", field=option)
     if folder is None:
-        raise InputError(
-            "is needed with --checkpoint and --reorder: a folder for the results", field="--parts"
-        )
+        raise InputError("is needed with --checkpoint: a folder for the results", field="--parts")
     if log is None:
         raise InputError("give a LOG to replay in parts", field="LOG")
     request = Parts(log=log, folder=folder, checkpoint=checkpoint, **how, **more)

@@ -271,10 +271,20 @@ def test_the_command(noaa, tmp_path, capsys):
     same(found, replay.read(tmp_path / "stopped"))
 
 
+def test_no_page_is_made_of_orbits(noaa, tmp_path):
+    with cc.open_log(noaa) as stream:
+        nav = cc.Settings.from_dict(stream.settings).gnss_navigator()
+        replay.run(stream, nav, tmp_path / "out", every=60)
+    with pytest.raises(cc.InputError, match="GNSS fixes"):
+        replay.report(tmp_path / "out", tmp_path / "out.html")
+
+
 def test_the_command_refuses(noaa, tmp_path, capsys):
     parts = ["replay", noaa, "--parts", tmp_path / "out"]
     assert command(*parts, "--smooth") == 2
     assert "whole logs alone" in " ".join(capsys.readouterr().err.split())
+    assert command(*parts, "--report", tmp_path / "out.html") == 2
+    assert "without --parts" in " ".join(capsys.readouterr().err.split())
     slow = tmp_path / "slow.toml"
     slow.write_text("[lfe]\namplitudes = [5e-5]\n")
     assert command(*parts, "--config", slow) == 2

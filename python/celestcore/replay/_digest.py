@@ -116,6 +116,14 @@ class _Reader:
                 field="folder",
                 value=os.fspath(root),
             )
+        with self._open("rows", self.parts[0]) as file:
+            if "bx" not in file.schema_arrow.names:
+                raise InputError(
+                    "is of a log with GNSS fixes, of which only celestcore replay LOG --report and "
+                    "solution.report make a page",
+                    field="folder",
+                    value=os.fspath(root),
+                )
 
     def _numbers(self, table: str) -> set[int]:
         found = (self.root / table).glob("part-*.parquet")
