@@ -83,6 +83,7 @@ impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for Gaussian<S, T,
     #[inline(always)]
     fn new(mean: S::Of<T>, covariance: &Matrix<T, N, N>) -> (Self, T::Mask) {
         let (_, ok) = cholesky(covariance);
+        let ok = ok.and(finite::<S, T, N>(&mean, &diagonal(covariance)));
         (Self { mean, cov: *covariance }, ok)
     }
     #[inline(always)]
@@ -108,6 +109,7 @@ impl<S: Manifold<N>, T: Real, const N: usize> Belief<S, T, N> for SqrtGaussian<S
     #[inline(always)]
     fn new(mean: S::Of<T>, covariance: &Matrix<T, N, N>) -> (Self, T::Mask) {
         let (factor, ok) = cholesky(covariance);
+        let ok = ok.and(finite::<S, T, N>(&mean, &diagonal(covariance)));
         (Self { mean, factor }, ok)
     }
     #[inline(always)]

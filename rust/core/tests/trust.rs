@@ -321,3 +321,26 @@ fn bad_numbers_are_refused() {
         Err(Error::Parameter { field: "sensor", .. })
     ));
 }
+
+/// Found by fuzzing.
+#[test]
+fn a_start_that_is_not_finite_is_refused() {
+    for bad in [f64::INFINITY, f64::NAN] {
+        for filter in filters() {
+            let mut p = prior();
+            p[(1, 1)] = bad;
+            let s = start(&made(2, 1));
+            assert!(Stream::new(filter, model(), TIMING, 1.0, 0.0, s.mean, &p).is_err());
+            let lost = Attitude { bias: [0.0, bad, 0.0], ..s.mean };
+            assert!(Stream::new(filter, model(), TIMING, 1.0, 0.0, lost, &prior()).is_err());
+        }
+    }
+}
+
+/// Found by fuzzing.
+#[test]
+fn one_sample_has_no_gap() {
+    for t in [&[][..], &[3.0]] {
+        assert_eq!(celestcore_core::attitude::gap_limit(t, -1.0), f64::INFINITY);
+    }
+}

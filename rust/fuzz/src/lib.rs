@@ -1,9 +1,10 @@
 //! What comes of arbitrary bytes as logs, options and calls. Nothing may panic or hang, and whatever is not an error is
 //! finite: unit quaternions, biases, standard deviations.
 //!
-//! `cargo nextest run -p celestcore-fuzz` tries some thousands; libFuzzer goes on for as long as it is let:
-//! `cargo fuzz run --fuzz-dir rust/fuzz --features libfuzzer --sanitizer none replay`. A sanitizer would need a nightly
-//! compiler, and would have little to look at: the only `unsafe` code is that of the registers.
+//! The tests try some thousands, or as many as `CELESTCORE_FUZZ_CASES` says; libFuzzer goes on for as long as it is let,
+//! and looks for inputs that reach new code: `cargo fuzz run --fuzz-dir rust/fuzz --features libfuzzer --sanitizer none
+//! replay`. A sanitizer would need a nightly compiler, and would have little to look at: the only `unsafe` code is that of
+//! the registers.
 
 mod values;
 
@@ -151,8 +152,14 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
 
+    fn config() -> ProptestConfig {
+        let told = std::env::var("CELESTCORE_FUZZ_CASES").ok().and_then(|n| n.parse().ok());
+        let cases = told.unwrap_or(10_000);
+        ProptestConfig { cases, max_shrink_iters: 300, failure_persistence: None, ..ProptestConfig::default() }
+    }
+
     proptest! {
-        #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
+        #![proptest_config(config())]
         #[test]
         fn arbitrary_logs_do_no_harm(data in vec(any::<u8>(), 0..6000)) {
             super::replay(&data);

@@ -6,6 +6,9 @@ const DIGIT: u32 = 16;
 /// Longest step between increasing times that is no gap: `factor` (at least 1) times the median step, or
 /// infinity where no step is longer than that. Takes no memory that grows with the times.
 pub fn gap_limit(t: &[f64], factor: f64) -> f64 {
+    if t.len() < 2 {
+        return f64::INFINITY;
+    }
     let (mut shortest, mut longest) = (f64::INFINITY, 0.0_f64);
     for dt in steps(t) {
         shortest = shortest.min(dt);

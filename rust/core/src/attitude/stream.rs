@@ -341,7 +341,7 @@ impl Stream {
     fn apply(&mut self, sensor: usize, fix: &Fix<'_>) -> Option<Report> {
         let model = &self.model;
         let scale = Cell::from_mut(&mut self.scale[sensor]);
-        let trust = (&self.trust, Some(&*scale));
+        let trust = (&self.trust, Some(scale));
         match &mut self.running {
             Running::Ekf(f, b) => self.level.run(Correct(f, model, b, fix, trust)),
             Running::Ukf(f, b) => self.level.run(Correct(f, model, b, fix, trust)),

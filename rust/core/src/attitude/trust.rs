@@ -143,18 +143,16 @@ impl Trusted {
             if plain {
                 return report;
             }
-            if looks && report.ok {
-                if self.gates[report.dof - 1] > report.nis {
-                    let more = 1.0 / self.weight(&report) - 1.0;
-                    for (r, (i, j)) in counted.iter_mut().zip(PACKED) {
-                        if more > 0.0 && i.max(j) < report.dof {
-                            *r += more * report.covariance[i][j];
-                        }
+            // outside the gate it stays as it was refused behind the closed one
+            if looks && report.ok && self.gates[report.dof - 1] > report.nis {
+                let more = 1.0 / self.weight(&report) - 1.0;
+                for (r, (i, j)) in counted.iter_mut().zip(PACKED) {
+                    if more > 0.0 && i.max(j) < report.dof {
+                        *r += more * report.covariance[i][j];
                     }
-                    first = Some(report);
-                    continue;
                 }
-                // outside the gate: as it was refused behind the closed one
+                first = Some(report);
+                continue;
             }
             let report = match first {
                 Some(seen) => Report { ok: report.ok, accepted: report.accepted, rows: report.rows, ..seen },
