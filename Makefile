@@ -34,7 +34,7 @@ say = @printf '\n== %s\n' "$(1)"
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test test-rust test-python lint wheel bench instructions long docs picture \
+.PHONY: help demo test test-rust test-python lint wheel bench fuzz instructions long docs picture \
         clean distclean need-python need-cargo need-rust-tools
 
 help:  ## this list
@@ -86,6 +86,11 @@ bench: $(STAMP_READY)  ## the benchmarks, on the release build
 	cargo bench $(LOCKED) --package celestcore-core
 	$(PY) -m pytest -m bench -s tests || test $$? -eq 5  # 5: there are none
 	$(RUN) bench --json build/bench.json
+
+fuzz: need-cargo  ## fuzz the replay core for ten minutes a target; needs cargo-fuzz, no nightly compiler
+	for target in replay stream; do \
+	  cargo fuzz run --dev --fuzz-dir rust/fuzz --features libfuzzer --sanitizer none $$target -- \
+	    -max_total_time=600 -max_len=8000 || exit 1; done
 
 instructions: need-cargo  ## count the instructions of the core's kernels; needs valgrind
 	@mkdir -p build
