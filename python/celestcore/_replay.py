@@ -18,6 +18,7 @@ from celestcore._arguments import (
     three,
 )
 from celestcore._check import number, warn
+from celestcore._tables import table_kind
 from celestcore.errors import InputError
 from celestcore.log import SensorLog
 from celestcore.solution import Solution
@@ -125,8 +126,18 @@ def _scales(
     """Return what each sensor's noise is multiplied by at the start, nothing if it is not found."""
     if given is not None and nav.adaptive is None:
         raise InputError("goes with StarGyroNavigator(adaptive=...)", field="noise_scale0")
+    if given is not None and not isinstance(given, Mapping):
+        raise InputError(
+            "must be a mapping from sensor names to factors", field="noise_scale0", value=given
+        )
     known = {} if given is None else dict(given)
     for name, value in known.items():
+        # a sensor that is silent in this log is none of it, but one that could not be is a mistake
+        if table_kind(name) not in ("star", "vector"):
+            raise InputError(
+                f"is no sensor with noise; this log has {', '.join(names)}",
+                field=f"noise_scale0[{name!r}]",
+            )
         known[name] = number(value, f"noise_scale0[{name!r}]", above=0.0)
     return [] if nav.adaptive is None else [known.get(name, 1.0) for name in names]
 

@@ -388,7 +388,8 @@ class StarGyroState(_core.AttitudeStream):
         return copy.copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restore, (type(self), self.navigator, self._snapshot(), self.lag), self.__dict__
+        own = {**self.__dict__, "_numbers": dict(self._numbers)}
+        return _restore, (type(self), self.navigator, self._snapshot(), self.lag), own
 
     def __repr__(self) -> str:
         sigma = ", ".join(f"{s:.3g}" for s in self.sigma)

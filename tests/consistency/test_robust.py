@@ -232,3 +232,19 @@ def test_parts_carry_the_scale(tmp_path):
     rows = cc.replay.read(tmp_path / "out")["rows"]
     np.testing.assert_allclose(rows["bx"], whole.bias[:, 0], rtol=1e-9, atol=1e-16)
     np.testing.assert_allclose(rows["s_ax"], whole.sigma[:, 0], rtol=1e-9)
+
+
+def test_a_copy_counts_its_own_sensors():
+    nav = navigator(cc.EKF(), adaptive=9.0)
+    state = nav.start(0.0, [1.0, 0.0, 0.0, 0.0])
+    state.update(0.0, [1.0, 0.0, 0.0, 0.0], camera="star_1")
+    other = state.copy()
+    state.update(0.0, [1.0, 0.0, 0.0, 0.0], camera="star_2")
+    assert list(other.noise_scale) == ["star_1"]
+    assert list(state.noise_scale) == ["star_1", "star_2"]
+
+
+@pytest.mark.parametrize("given", [3.0, [1.0, 2.0], {"sta": 4.0}])
+def test_scales_belong_to_sensors(given):
+    with pytest.raises(cc.InputError, match="noise_scale0"):
+        navigator(cc.EKF(), adaptive=9.0).run(scenario().simulate().log, noise_scale0=given)

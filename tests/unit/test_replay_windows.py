@@ -377,3 +377,73 @@ def test_pieces_hold_every_row_once(seed):
     assert gyro == log.gyro.t.tolist()
     assert fixes == star.tolist()
     assert not splicer.late
+
+
+def turned_gyro() -> tuple[cc.SensorLog, cc.StarGyroNavigator]:
+    """Return a log whose gyro changes at once, and whose fixes then have the other sign."""
+    t = np.arange(0.0, 2000.0, 0.5)
+    rate = np.tile([0.002, -0.001, 0.0015], (len(t), 1))
+    q = cc.quaternion.propagate([1.0, 0.0, 0.0, 0.0], rate[:-1], 0.5)
+    measured = rate + np.where(t >= 1000.0, 2e-3, 0.0)[:, None] * [1.0, 0.0, 0.0]
+    sign = np.where(t[::4] >= 1000.0, -1.0, 1.0)[:, None]
+    log = cc.SensorLog(gyro=(t, measured), star=(t[::4], sign * q[::4]))
+    nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-6, 1e-9), cc.StarCamera(1e-5), gate=0.9999)
+    return log, nav
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("window", [150.0, 400.0])
+@pytest.mark.parametrize("every", [1, 10])
+def test_rows_keep_their_rhythm_and_sign_past_a_start_anew(tmp_path, every, window, smooth):
+    log, nav = turned_gyro()
+    with pytest.warns(cc.CelestcoreWarning, match="started again"):
+        done = replay.run(log, nav, tmp_path / "out", window=window, every=every, smooth=smooth)
+    assert done.restarts
+    rows = replay.read(tmp_path / "out")["rows"]
+    # all of the log's rhythm, but for what lies between a lost filter and the fix it starts from
+    rhythm = log.gyro.t[::every]
+    missing = np.setdiff1d(rhythm, rows["t"])
+    np.testing.assert_array_equal(np.union1d(rows["t"], missing), rhythm)
+    lost = done.restarts[0]
+    assert ((missing >= lost) & (missing < lost + 4.0)).all()
+    q = np.stack([rows[name] for name in ("qw", "qx", "qy", "qz")], axis=1)
+    assert (np.sum(q[1:] * q[:-1], axis=1) > 0.0).all()
+    assert done.samples == len(log.gyro)
+
+
+@pytest.mark.parametrize("window", [1.5, 2.5, 5.0, 60.0])
+def test_small_windows_start_where_the_whole_log_does(tmp_path, window):
+    fermi = cc.sample("fermi")
+    nav = cc.Settings.from_log(fermi).navigator()
+    star = fermi.stars["star"]
+    q = star.q[:300].copy()
+    q[:2] = cc.quaternion.multiply(q[:2], cc.quaternion.exp([0.1, 0.0, 0.0]))
+    log = cc.SensorLog(
+        gyro=(fermi.gyro.t[:300], fermi.gyro.rate[:300]), star=(star.t[:300], q), epoch=fermi.epoch
+    )
+    whole = nav.run(log)
+    replay.run(log, nav, tmp_path / "out", window=window)
+    rows = replay.read(tmp_path / "out")["rows"]
+    assert rows["t"][0] == whole.t[0]
+    np.testing.assert_array_equal(rows["bx"], whole.bias[:, 0])
+
+
+def test_the_uncertainty_of_the_start_is_taken(log, nav, tmp_path):
+    sigma0 = (3e-4, [1e-8, 2e-8, 3e-8])
+    whole = nav.run(log, sigma0=sigma0)
+    replay.run(log, nav, tmp_path / "out", window=30.0, sigma0=sigma0)
+    rows = replay.read(tmp_path / "out")["rows"]
+    np.testing.assert_allclose(rows["s_bx"], whole.sigma[:, 3], rtol=1e-12)
+    plain = nav.run(log)
+    assert not np.allclose(plain.sigma[:, 3], whole.sigma[:, 3])
+
+
+@pytest.mark.parametrize("table", ["rows", "health", "measurements"])
+def test_missing_parts_are_noticed(log, nav, tmp_path, table):
+    given = {"window": 30.0, "checkpoint": tmp_path / "c.json", "interval": 0.0}
+    replay.run(log, nav, tmp_path / "out", **given)
+    (tmp_path / "out" / table / "part-000003.parquet").unlink()
+    with pytest.raises(cc.InputError, match="first part-000003"):
+        replay.run(log, nav, tmp_path / "out", resume=True, **given)
+    with pytest.raises(cc.InputError, match="give that replay's folder"):
+        replay.run(log, nav, tmp_path / "other", resume=True, **given)

@@ -139,6 +139,7 @@ def estimate_noise(
     navigator : StarGyroNavigator
         Its noise is where the search starts; a factor of a hundred off is no harm. With a gate, the
         measurements it rejects are left out, and chosen again with the noise that was found.
+        Weights (`huber`, `student_t`) and `adaptive` are not used: wrong fixes need a gate.
     log : SensorLog
         With a gyro and fixes.
     parameters : sequence of {"arw", "rrw", "scale"}

@@ -5,11 +5,13 @@ from __future__ import annotations
 import copy
 import dataclasses
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from celestcore._check import FloatArray, warn
 from celestcore._fixes import configured_noise
@@ -20,7 +22,7 @@ from celestcore.log import SensorLog
 from celestcore.navigator import GAP_STEPS, StarGyroNavigator
 from celestcore.replay._forward import Made, Source, health_table
 from celestcore.replay._stuck import stuck
-from celestcore.replay._windows import Piece, Splicer
+from celestcore.replay._windows import MOST, Piece, Splicer
 from celestcore.solution import Solution
 from celestcore.summary import MANY_REJECTED
 
@@ -50,6 +52,9 @@ class State:
         return {**own, "noise_scale0": self.noise_scale}
 
 
+Q = ("qw", "qx", "qy", "qz")
+CANDIDATES = 7
+"""First fixes that a start is chosen from, as the core does."""
 MAX_REJECTED = 20
 """Measurements refused running that end a filter's belief, unless a replay is told."""
 
@@ -68,6 +73,8 @@ class StarGyroForward:
         self.refused = 0
         self._again: float | None = None
         """Time from which the fixes are to be believed again, not the filter."""
+        self.q: FloatArray | None = None
+        """Quaternion of the last row: those that follow have its sign."""
         self._splicer = Splicer(options["every"], options["overlap"], source.epoch)
         self.push, self.skip = self._splicer.push, self._splicer.skip
 
@@ -92,7 +99,8 @@ class StarGyroForward:
             return None
         gap = self.navigator.gyro.max_gap
         own = dataclasses.asdict(self.state)
-        return {**own, "refused": self.refused, "max_gap": gap, "again": self._again}
+        more = {"max_gap": gap, "again": self._again, "row_q": self.q}
+        return {**own, "refused": self.refused, **more}
 
     def restore(self, kept: dict[str, Any] | None, late: Mapping[str, int]) -> None:
         """Go on from what a checkpoint kept."""
@@ -100,7 +108,7 @@ class StarGyroForward:
         if kept is None:
             return
         self._fix_gap(kept["max_gap"])
-        self.refused, self._again = kept["refused"], kept["again"]
+        self.refused, self._again, self.q = kept["refused"], kept["again"], kept["row_q"]
         self.state = State(**{f.name: kept[f.name] for f in dataclasses.fields(State)})
         self._splicer.reached = self.reached
 
@@ -115,7 +123,10 @@ class StarGyroForward:
     def step(self, *, last: bool) -> Made | None:
         """Go on as far as what is there allows; None if there is not enough for a row."""
         if self.state is None:
-            begin = self.start_in(self._splicer.look())
+            look = self._splicer.look()
+            if not last and look is not None and _undecided(look):
+                return None
+            begin = self.start_in(look)
             if begin is None:
                 return None  # no fix to start from yet
             self._splicer.before = begin
@@ -134,7 +145,8 @@ class StarGyroForward:
         first = min(float(table.t[0]) for table in log.stars.values())
         if first > log.gyro.t[-1]:
             return None
-        probe = self.navigator.run(log, every=len(log.gyro), innovations="none")
+        given: dict[str, Any] = {"sigma0": _pair(self.options["sigma0"])}
+        probe = self.navigator.run(log, every=len(log.gyro), innovations="none", **given)
         return int(np.searchsorted(log.gyro.t, probe.t[0], "right")) - 1
 
     def over(self, piece: Piece) -> Made:
@@ -144,7 +156,8 @@ class StarGyroForward:
         assert log.gyro is not None
         if self.navigator.gyro.max_gap is None:
             self._fix_gap(GAP_STEPS * float(np.median(np.diff(log.gyro.t))))
-        made = _Collected(self.options["innovations"], self.navigator)
+        made = _Collected(self.options["innovations"], self.navigator, self.q)
+        grid: FloatArray | None = None
         while log is not None:
             begin, again = self.state, self._again
             sol = self._run(log, begin, again)
@@ -161,15 +174,25 @@ class StarGyroForward:
             shown = sol
             if piece.ahead is not None:
                 shown = self._smoothed(piece.ahead, log, begin, again, float(sol.t[-1]))
-            made.add(sol, shown, goes_on=begin is not None)
+            if grid is None:
+                grid = _grid(piece.log, sol, self.options["every"])
+            # what goes on begins with the last row of the one before; a start anew has rows of its
+            # own wherever its fixes lie, of which those of the log's rhythm are kept
+            kept = np.isin(shown.t, grid) if again is not None else np.ones(len(shown.t), bool)
+            kept[0] &= begin is None or again is not None
+            made.add(sol, shown, kept, goes_on=begin is not None)
             self.state = State.of(sol.final, begin)
             if lost is None:
                 self._again = None
             log = rest
+        self.q = made.q
         return made.made()
 
     def _run(self, log: SensorLog, begin: State | None, again: float | None) -> Solution:
-        given: dict[str, Any] = {} if begin is None else begin.options()
+        given: dict[str, Any] = {"sigma0": _pair(self.options["sigma0"])}
+        every = self.options["every"]
+        if begin is not None:
+            given = begin.options()
         if begin is not None and again is not None:
             # lost: the attitude from the fixes, the bias as it was with a sigma as at a start
             given = {
@@ -177,10 +200,9 @@ class StarGyroForward:
                 "sigma0": (1.0, BIAS_SIGMA),
                 "noise_scale0": begin.noise_scale,
             }
-        with warnings.catch_warnings():
-            # said of the whole replay at its end, and not of every piece and every start anew
-            warnings.filterwarnings("ignore", ".* outside the gate", CelestcoreWarning)
-            return self.navigator.run(log, every=self.options["every"], **given)
+            every = 1
+        with _gate_unsaid():
+            return self.navigator.run(log, every=every, **given)
 
     def _smoothed(
         self,
@@ -193,7 +215,8 @@ class StarGyroForward:
         """Return the rows of a smoother that knows what lies ahead."""
         assert log.gyro is not None
         after = ahead if begin is None else _from(ahead, float(log.gyro.t[0]))
-        wide = self.navigator.smooth(self._run(after, begin, again))
+        with _gate_unsaid():
+            wide = self.navigator.smooth(self._run(after, begin, again))
         part: Solution = wide[: np.nextafter(end, np.inf)]
         return part
 
@@ -225,8 +248,10 @@ class StarGyroForward:
 class _Collected:
     """Rows, measurements and health of a piece, of one solution or of several that follow."""
 
-    def __init__(self, innovations: str, navigator: StarGyroNavigator) -> None:
-        self.innovations, self.navigator = innovations, navigator
+    def __init__(
+        self, innovations: str, navigator: StarGyroNavigator, q: FloatArray | None
+    ) -> None:
+        self.innovations, self.navigator, self.q = innovations, navigator, q
         self.restarts: list[float] = []
         self._rows: list[dict[str, Any]] = []
         self._measurements: list[dict[str, Any]] = []
@@ -235,10 +260,20 @@ class _Collected:
         self._counts = {"samples": 0, "fixes": 0, "rejected": 0}
         self._likelihood = 0.0
 
-    def add(self, sol: Solution, shown: Solution, *, goes_on: bool) -> None:
-        """Add a solution, and the rows that are shown of it: its own or a smoother's."""
-        first = 1 if goes_on else 0  # the last row of the one before
-        self._rows.append({name: column[first:] for name, column in shown.columns().items()})
+    def add(
+        self, sol: Solution, shown: Solution, kept: NDArray[np.bool_], *, goes_on: bool
+    ) -> None:
+        """Add a solution, and the rows that are kept of what is shown: its own or a smoother's."""
+        first = 1 if goes_on else 0  # its first gyro sample is the last of the one before
+        at = slice(1, None) if kept[1:].all() and not kept[0] else kept
+        rows = {name: column[at] for name, column in shown.columns().items()}
+        if len(rows["t"]):
+            begin, end = (np.array([rows[name][k] for name in Q]) for k in (0, -1))
+            if self.q is not None and begin @ self.q < 0.0:
+                rows |= {name: -rows[name] for name in Q}
+                end = -end
+            self.q = end
+        self._rows.append(rows)
         measured = sol.measurement_columns()
         if self.innovations != "none":
             names = list(measured) if self.innovations == "full" else list(measured)[:5]
@@ -276,6 +311,32 @@ def events(gaps: FloatArray, restarts: list[float]) -> dict[str, Any]:
     kind = np.array(["gap"] * len(gaps) + ["restart"] * len(restarts), dtype="<U8")
     order = np.argsort(begin, kind="stable")
     return {"t": begin[order], "t_end": end[order], "kind": kind[order]}
+
+
+@contextmanager
+def _gate_unsaid() -> Iterator[None]:
+    """Leave what a gate refused to the end: it is not said of every piece and every start anew."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".* outside the gate", CelestcoreWarning)
+        yield
+
+
+def _pair(sigma: list[float] | None) -> tuple[list[float], list[float]] | None:
+    return None if sigma is None else (sigma[:3], sigma[3:])
+
+
+def _undecided(log: SensorLog) -> bool:
+    """Tell whether more fixes may choose another start: it is that of most of the first ones."""
+    assert log.gyro is not None
+    fixes = sum(int((table.t <= log.gyro.t[-1]).sum()) for table in log.stars.values())
+    return fixes < CANDIDATES and len(log.gyro) < MOST
+
+
+def _grid(log: SensorLog, sol: Solution, every: int) -> FloatArray:
+    """Return the times of a piece's rows: every so many samples from where it began."""
+    assert log.gyro is not None
+    begin = int(np.searchsorted(log.gyro.t, sol.t[0], "right")) - 1
+    return log.gyro.t[max(begin, 0) :: every]
 
 
 def _stacked(tables: list[dict[str, Any]]) -> dict[str, Any]:

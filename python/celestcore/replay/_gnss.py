@@ -310,6 +310,8 @@ def _check(nav: GnssStarNavigator, options: Mapping[str, Any], source: Source) -
             field="smooth",
             value=True,
         )
+    if options["sigma0"] is not None:
+        raise InputError("is of a StarGyroNavigator: leave it out", field="sigma0")
     if options["max_rejected"] != "default":
         raise InputError(
             "is the navigator's own here: leave it out, give GnssStarNavigator(max_rejected=...)",

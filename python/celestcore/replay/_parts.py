@@ -49,6 +49,16 @@ class Parts:
                     field="out",
                     value=os.fspath(self.folder),
                 )
+            there = {path.stem for path in found}
+            gone = [k for k in range(complete or 0) if f"part-{k:06d}" not in there]
+            # a replay may have no measurements, but rows and health are in every part
+            if gone and (table in ("rows", "health") or there):
+                raise InputError(
+                    f"lacks {len(gone)} of the {complete} parts of {table} that the checkpoint "
+                    f"counts, first part-{gone[0]:06d}: give that replay's folder, or begin anew",
+                    field="out",
+                    value=os.fspath(self.folder),
+                )
             own.mkdir(parents=True, exist_ok=True)
             for path in own.glob(".*.tmp*"):
                 path.unlink()

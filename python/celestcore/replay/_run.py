@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from celestcore._arguments import count
+from celestcore._arguments import Sigma0, count, sigma_of
 from celestcore._check import number, warn
 from celestcore._files import replacing
 from celestcore.errors import InputError
@@ -101,6 +101,7 @@ def run(
     innovations: str = "full",
     smooth: bool = False,
     overlap: float = 600.0,
+    sigma0: Sigma0 | None = None,
     max_rejected: int | Literal["default"] | None = "default",
     checkpoint: str | os.PathLike[str] | None = None,
     interval: float = 30.0,
@@ -120,8 +121,8 @@ def run(
         The filter. The second one starts from the first fixes and is not smoothed in parts; a slow
         error with harmonics needs `LowFrequencyError(period=...)`.
     out : path
-        A folder for the results: tables ``rows``, ``measurements`` and ``health`` as Parquet
-        datasets, and ``summary.json`` at the end.
+        A folder for the results: tables ``rows``, ``measurements``, ``health`` and ``events`` as
+        Parquet datasets, and ``summary.json`` at the end.
     window : float, optional
         Length of a window of a log or stream [s]; what holds about 100 000 gyro samples, or
         200 000 with `every`, unless it is given. Memory grows with it.
@@ -134,6 +135,9 @@ def run(
     overlap : float
         How far the smoother looks ahead [s]: beyond some settling times of the filter it gains
         nothing.
+    sigma0 : (attitude, bias), optional
+        1-sigma of the start [rad], [rad/s], as `StarGyroNavigator.run`; the attitude's is that of
+        the first fix.
     max_rejected : int, optional
         So many measurements refused running end the filter's belief: it starts again from the
         fixes there, with the bias it had and a sigma as at a start; 20 by default. None: never. A
@@ -184,6 +188,7 @@ def run(
         "innovations": innovations,
         "smooth": bool(smooth),
         "overlap": number(overlap, "overlap", above=0.0) if smooth else 0.0,
+        "sigma0": None if sigma0 is None else sigma_of(sigma0).tolist(),
         "max_rejected": max_rejected,
     }
     if max_rejected is not None and max_rejected != "default":

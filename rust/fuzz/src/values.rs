@@ -73,7 +73,10 @@ pub(crate) fn vector(u: &mut Unstructured<'_>) -> Result<[f64; 3]> {
 pub(crate) fn quaternion(u: &mut Unstructured<'_>) -> Result<[f64; 4]> {
     let q: [f64; 4] = Given::many(u, |u| value(u, 1.0))?;
     let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
-    Ok(q.map(|v| v / norm))
+    let q = q.map(|v| v / norm);
+    // the square of a small number may be none: what is finite is of unit length, others' makers see to that
+    let length = q.iter().map(|v| v * v).sum::<f64>();
+    Ok(if (length - 1.0).abs() < 1e-12 || !length.is_finite() { q } else { [0.0, 0.0, 0.0, 1.0] })
 }
 
 pub(crate) fn noise(u: &mut Unstructured<'_>) -> Result<[f64; 6]> {
