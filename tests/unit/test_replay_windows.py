@@ -447,3 +447,13 @@ def test_missing_parts_are_noticed(log, nav, tmp_path, table):
         replay.run(log, nav, tmp_path / "out", resume=True, **given)
     with pytest.raises(cc.InputError, match="give that replay's folder"):
         replay.run(log, nav, tmp_path / "other", resume=True, **given)
+
+
+def test_another_log_is_not_gone_on_with(log, nav, tmp_path):
+    given = {"window": 30.0, "checkpoint": tmp_path / "c.json", "interval": 0.0}
+    replay.run(log, nav, tmp_path / "out", **given)
+    star = log.stars["star"]
+    turned = cc.quaternion.multiply(star.q, cc.quaternion.exp([1e-6, 0.0, 0.0]))
+    other = cc.SensorLog(gyro=log.gyro, star=(star.t, turned), epoch=log.epoch)
+    with pytest.raises(cc.InputError, match="another log"):
+        replay.run(other, nav, tmp_path / "out", resume=True, **given)

@@ -32,6 +32,7 @@ from celestcore.replay._source import (
     Stretch,
     Tables,
     epoch_of,
+    known_by,
     names_of,
     stretches,
     window_of,
@@ -206,7 +207,11 @@ def run(
         raise InputError("is needed to resume", field="checkpoint")
     known = Source(epoch_of(source, epoch), names_of(source))
     forward = forward_of(navigator, options, known)
-    told = {"filter": navigator.filter.kind, "gate": navigator.gate}
+    told = {
+        "filter": navigator.filter.kind,
+        "gate": navigator.gate,
+        "log": known_by(source),
+    }
     job = _Job(forward, told, known, Path(out))
     memory = (checkpoint, number(interval, "interval", at_least=0.0))
 
@@ -273,8 +278,8 @@ class _Job:
         known = read_checkpoint(path)
         if known.job != self.digest:
             raise InputError(
-                "is of a replay with another navigator or other options: go on with the same, or "
-                "begin anew with another file and folder",
+                "is of a replay with another navigator or other options, or of another log: go on "
+                "with the same, or begin anew with another file and folder",
                 field="checkpoint",
                 value=os.fspath(path),
             )
