@@ -255,3 +255,12 @@ def test_a_run_that_does_not_adapt_says_nothing_of_noise_found(solution: Solutio
     result = summary(solution)
     assert all(sensor["noise_scale"] is None for sensor in result["sensors"])
     assert "noise found" not in page(solution, result)
+
+
+def test_a_part_of_an_adaptive_run_is_judged_by_the_noise_found_too() -> None:
+    nav, log = adaptive_run(10.3, 41.3)
+    sol = nav.run(log)
+    part = sol[2000.0:3000.0]
+    (sensor,) = summary(part, log, navigator=nav)["sensors"]
+    assert sensor["noise_scale"] == sol.final["noise_scale"]["star"]
+    np.testing.assert_allclose(sensor["noise"]["seen"], 41.3, rtol=0.15)

@@ -307,3 +307,14 @@ def test_noise_found_by_an_adaptive_filter_is_kept_and_told(tmp_path: Path) -> N
 def test_parts_of_a_filter_that_does_not_adapt_have_no_noise_found(out: Path) -> None:
     assert np.isnan(replay.read(out)["health"]["noise_scale"]).all()
     assert all(tally.judged(STATES)["noise_scale"] is None for tally in digest(out).tallies)
+
+
+def test_parts_of_before_the_noise_found_was_kept_are_read(out: Path, tmp_path: Path) -> None:
+    import pyarrow.parquet as parquet
+
+    shutil.copytree(out, tmp_path / "old")
+    for path in (tmp_path / "old" / "health").glob("part-*.parquet"):
+        parquet.write_table(parquet.read_table(path).drop_columns(["noise_scale"]), path)
+    now, old = digest(out), digest(tmp_path / "old")
+    for a, b in zip(now.tallies, old.tallies, strict=True):
+        assert a.judged(STATES) == b.judged(STATES)
