@@ -75,6 +75,7 @@ def judge(fixes: Fixes, first: float, last: float) -> dict[str, Any]:
         "nis_per_dof": float(nis.mean() / dof) if len(nis) else None,
         "inside_95": float(inside_95(nis, np.full(len(nis), dof)).mean()) if len(nis) else None,
         "noise": noise(fixes),
+        "noise_scale": fixes.noise_scale,
         "white": white(fixes),
         "bursts": bursts(fixes),
         "silence": silences(fixes),

@@ -59,6 +59,9 @@ class Fixes:
         In `unit`; None if they were not kept.
     configured : ndarray (axes,) or None
         The 1-sigma noise that the filter was told, in `unit`, along the same axes.
+    noise_scale : float or None
+        What its variance was multiplied by at the end of the run; None if the filter does not
+        adapt.
     whole : Whole or None
         If the rows are only some of the measurements: what is known of all.
     """
@@ -73,12 +76,25 @@ class Fixes:
     innovation: Array | None
     sigma: Array | None
     configured: Array | None = None
+    noise_scale: float | None = None
     whole: Whole | None = None
 
     @property
     def used(self) -> NDArray[np.bool_]:
         """Which measurements count: accepted, with a NIS."""
         return self.accepted & np.isfinite(self.nis)
+
+    @property
+    def assumed(self) -> Array | None:
+        """The 1-sigma noise that predictions hold: as told, times what an adaptive filter found.
+
+        What it had found at the end stands for all of the run: only while it was still finding
+        out, about as many fixes as its `adaptive` says, did predictions hold another.
+        """
+        if self.configured is None or self.noise_scale is None:
+            return self.configured
+        held: Array = self.configured * np.sqrt(self.noise_scale)
+        return held
 
 
 def of_attitude(solution: Solution, configured: Mapping[str, Array] | None = None) -> list[Fixes]:
@@ -91,6 +107,7 @@ def of_attitude(solution: Solution, configured: Mapping[str, Array] | None = Non
         From `configured_noise`.
     """
     out = []
+    scales = solution.final.get("noise_scale", {})
     for index, name in enumerate(solution.sensor_names):
         rows = np.flatnonzero(solution.sensor == index)
         if len(rows) == 0:
@@ -111,6 +128,7 @@ def of_attitude(solution: Solution, configured: Mapping[str, Array] | None = Non
                 innovation=solution.innovation[rows, : len(axes)] / ARCSEC if full else None,
                 sigma=solution.innovation_sigma[rows, : len(axes)] / ARCSEC if full else None,
                 configured=None if told is None else told / ARCSEC,
+                noise_scale=float(scales[name]) if name in scales else None,
             )
         )
     return out

@@ -184,20 +184,22 @@ def noise(fixes: Fixes) -> dict[str, Any] | None:
         In the sensor's unit: ``rms`` of the innovations and ``predicted`` by the filter;
         ``ratio`` of the two; ``mean``, and ``mean_errors``, how many of its standard errors that
         is; ``configured``, the noise the filter was told; ``seen``, the noise that explains the
-        innovations; None for an axis on which the innovations are smaller than the rest of the
+        innovations, None for an axis on which the innovations are smaller than the rest of the
         prediction. None without innovations.
 
     Notes
     -----
-    ``seen^2 = configured^2 + rms^2 - predicted^2``: the innovation's covariance is that of the
+    ``seen^2 = assumed^2 + rms^2 - predicted^2``: the innovation's covariance is that of the
     fix plus that of the prediction (Mehra, IEEE Trans. Automatic Control 15, 1970), and all of a
-    misfit is laid to the fix.
+    misfit is laid to the fix. What an adaptive filter assumes is not what it was told: see
+    `Fixes.assumed`.
     """
     rows = _settled(fixes)
     if fixes.innovation is None or fixes.sigma is None or not rows.any():
         return None
     sums = moments(fixes.innovation[rows], fixes.sigma[rows])
-    return noise_of(sums, int(rows.sum()), fixes.unit, fixes.axes, fixes.configured)
+    n = int(rows.sum())
+    return noise_of(sums, n, fixes.unit, fixes.axes, fixes.configured, fixes.assumed)
 
 
 def moments(nu: Array, sigma: Array) -> Array:
@@ -207,14 +209,19 @@ def moments(nu: Array, sigma: Array) -> Array:
 
 
 def noise_of(
-    sums: Array, n: int, unit: str, axes: tuple[str, ...], configured: Array | None
+    sums: Array,
+    n: int,
+    unit: str,
+    axes: tuple[str, ...],
+    configured: Array | None,
+    assumed: Array | None,
 ) -> dict[str, Any]:
     """Return what `noise` does, from the sums of n innovations."""
     mean, square, predicted, z, zz = sums / np.array([n, n, n, 1.0, 1.0])[:, None]
     length = np.sqrt(zz)
     seen = None
-    if configured is not None:
-        variance = configured**2 + square - predicted
+    if assumed is not None:
+        variance = assumed**2 + square - predicted
         seen = np.sqrt(np.where(variance > 0.0, variance, np.nan))
     return {
         "unit": unit,

@@ -246,6 +246,7 @@ def lanes(fixes: Sequence[Fixes], times: Times, carrier: str | None = "gyro") ->
 def noise_table(result: Mapping[str, Any]) -> str:
     """Return the noise that each sensor was told, beside what its innovations say."""
     rows = []
+    adapted = [s for s in result["sensors"] if s.get("noise_scale") is not None]
     for k, sensor in enumerate(result["sensors"]):
         found = sensor["noise"]
         if found is None:
@@ -259,8 +260,14 @@ def noise_table(result: Mapping[str, Any]) -> str:
             cells = [marked(result, f"{at}{key}.{j}") for key in ("rms", "predicted", "ratio")]
             name = f"{escape(sensor['name'])}, {escape(axis)} [{escape(found['unit'])}]"
             rows.append((name, told, seen, *cells))
+    lines = "".join(
+        f"<p>{escape(s['name'])}: noise found while running: "
+        f"{number(s['noise_scale'] ** 0.5)} times as told</p>"
+        for s in adapted
+    )
+    heading = "<h2>Noise, as seen and as configured</h2>"
     if not rows:
-        return ""
+        return heading + lines if lines else ""
     head = (
         "noise (1 sigma)",
         "as configured",
@@ -271,10 +278,9 @@ def noise_table(result: Mapping[str, Any]) -> str:
     )
     words = (
         "As the innovations say: the noise of the fixes that makes the innovations as large as "
-        "they are, if all of the misfit is theirs (configured² + rms² - predicted²); n/a if it "
+        "they are, if all of the misfit is theirs (configured² + rms² - predicted²"
+        f"{', configured times what was found while running' if adapted else ''}); n/a if it "
         "was not known, or nothing is left for it. celestcore.analysis.estimate_noise weighs it "
         "against the gyro's noise."
     )
-    return f"<h2>Noise, as seen and as configured</h2>{grid(head, rows)}" + (
-        f'<p class="note">{escape(words)}</p>'
-    )
+    return f'{heading}{lines}{grid(head, rows)}<p class="note">{escape(words)}</p>'

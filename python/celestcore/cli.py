@@ -365,7 +365,7 @@ def describe_log(log: SensorLog) -> dict[str, Any]:
 
 
 def describe_settings(settings: Settings) -> dict[str, str]:
-    """Return the noise and the gate of a run in words, for tables."""
+    """Return the noise of a run, and how far fixes are believed, in words, for tables."""
     gyro = settings.gyro()
     out = {
         "Gyro noise": f"angle random walk {gyro.arw / ARCSEC:.3g} arcsec/√s "
@@ -376,12 +376,22 @@ def describe_settings(settings: Settings) -> dict[str, str]:
         out[f"Noise of {name}"] = _sigma_words(camera.sigma)
     for name, sensor in settings.vectors().items():
         out[f"Noise of vector_{name}"] = _sigma_words(sensor.sigma)
-    gate = settings.gate()
-    out["Gate"] = (
-        "none: every fix is used"
-        if gate is None
-        else f"rejects fixes outside {100.0 * gate:.6g} % of the chi-square law"
-    )
+    return out | _belief_words(settings)
+
+
+def _belief_words(settings: Settings) -> dict[str, str]:
+    gate, table = settings.gate(), settings.tables.get("gate", {})
+    huber, student, adaptive = (table.get(name) for name in ("huber", "student_t", "adaptive"))
+    weighed = huber is not None or student is not None
+    out = {"Gate": f"none: every fix is used{', doubtful ones with less weight' * weighed}"}
+    if gate is not None:
+        out["Gate"] = f"rejects fixes outside {100.0 * gate:.6g} % of the chi-square law"
+    if huber is not None:
+        out["Doubtful fixes"] = f"Huber's weights beyond {huber:.6g} sigmas"
+    if student is not None:
+        out["Doubtful fixes"] = f"Student's weights with {student:.6g} degrees of freedom"
+    if adaptive is not None:
+        out["Noise"] = f"found as the filter runs, from about {adaptive:.6g} fixes"
     return out
 
 

@@ -137,7 +137,8 @@ class Solution:
         Time the core took, s.
     final : dict
         State at the end of the log: t, q, bias, sigma, covariance; noise_scale, what the variance
-        of each sensor's noise is multiplied by, if the navigator is adaptive.
+        of each sensor's noise is multiplied by, if the navigator is adaptive (of a slice, too, that
+        at the end of the run).
     frames : dict of str to str
         Names of the inertial and the body frame.
     smoothed : bool
@@ -570,6 +571,8 @@ class Solution:
         known = None if self.innovations == "none" else parts["accepted"]
         counts = _counts(len(parts["t"]), known, len(gaps))
         final = _final(parts) if len(parts["t"]) else {}
+        if final and "noise_scale" in self.final:  # known of the end of the run alone
+            final["noise_scale"] = self.final["noise_scale"]
         return dataclasses.replace(
             self,
             **parts,

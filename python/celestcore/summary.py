@@ -66,8 +66,10 @@ def summary(
         - ``final``: t, q, bias, sigma at the end, SI units
         - ``samples_per_second``: speed of the core
         - ``sensors``: for each its name, counts and ``innovation`` statistics, ``noise`` (what the
-          innovations say of it, axis by axis), ``white``, ``bursts`` of rejected fixes, the longest
-          ``silence`` and how many ``windows`` of the log were fine
+          innovations say of it, axis by axis), ``noise_scale`` (what an adaptive filter had
+          multiplied the variance it was told by at the end; None if it does not adapt), ``white``,
+          ``bursts`` of rejected fixes, the longest ``silence`` and how many ``windows`` of the log
+          were fine
         - ``findings``: what to look at next; each with ``level`` (act, look, fine), ``rule``,
           ``title``, ``words``, ``advice`` and ``at`` (begin and end in s, or None)
         - ``withheld``: as given

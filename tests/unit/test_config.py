@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from celestcore import _settings_keys, _toml, config
+from celestcore.cli import describe_settings
 from celestcore.config import Settings
 from celestcore.errors import CelestcoreError, InputError, LogFormatError, MissingDependencyError
 from celestcore.log import SensorLog
@@ -294,3 +295,39 @@ def test_without_a_toml_reader_one_sentence(
     with pytest.raises(MissingDependencyError, match="reading TOML needs tomli") as caught:
         Settings.from_toml(tmp_path / "a.toml")
     assert isinstance(caught.value, CelestcoreError)
+
+
+@pytest.mark.parametrize(
+    ("gate", "expected"),
+    [
+        ({}, {"Gate": "none: every fix is used"}),
+        (
+            {"probability": 0.999, "adaptive": 300},
+            {
+                "Gate": "rejects fixes outside 99.9 % of the chi-square law",
+                "Noise": "found as the filter runs, from about 300 fixes",
+            },
+        ),
+        (
+            {"huber": 1.5},
+            {
+                "Gate": "none: every fix is used, doubtful ones with less weight",
+                "Doubtful fixes": "Huber's weights beyond 1.5 sigmas",
+            },
+        ),
+        (
+            {"student_t": 4},
+            {
+                "Gate": "none: every fix is used, doubtful ones with less weight",
+                "Doubtful fixes": "Student's weights with 4 degrees of freedom",
+            },
+        ),
+    ],
+)
+def test_a_report_tells_how_far_fixes_are_believed(
+    gate: dict[str, float], expected: dict[str, str]
+) -> None:
+    settings = Settings.from_dict({"gyro": {"arw": 1e-6}, "gate": gate})
+    words = describe_settings(settings)
+    shown = {name: words[name] for name in ("Gate", "Doubtful fixes", "Noise") if name in words}
+    assert shown == expected

@@ -22,6 +22,7 @@ from celestcore._health import (
     noise,
     windows,
 )
+from celestcore.report import page
 from celestcore.solution import Solution
 from celestcore.summary import summary
 from celestcore.units import ARCSEC
@@ -221,3 +222,45 @@ def test_configured_noise_is_turned_into_the_body_and_taken_from_the_fixes() -> 
     np.testing.assert_allclose(configured_noise(nav, log)["star"], [9e-5, 2e-5, 1e-5])
     own = cc.SensorLog(gyro=(t, np.zeros((3, 3))), star=(t, q, np.full((3, 3), 3e-5)))
     np.testing.assert_allclose(configured_noise(nav, own)["star"], 3e-5)
+
+
+def adaptive_run(told: float, true: float) -> tuple[cc.StarGyroNavigator, cc.SensorLog]:
+    """Return a navigator that finds a camera's noise itself, and a log of that camera [arcsec]."""
+    rng = np.random.default_rng(9)
+    t = np.arange(4000.0)
+    fixes = cc.quaternion.exp(true * ARCSEC * rng.standard_normal((4000, 3)))
+    log = cc.SensorLog(gyro=(t, 1e-6 * rng.standard_normal((4000, 3))), star=(t, fixes))
+    camera = cc.StarCamera(told * ARCSEC)
+    return cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-6, 1e-10), camera, adaptive=100.0), log
+
+
+@pytest.mark.parametrize("told", [10.3, 41.3, 165.0])
+def test_noise_as_seen_of_an_adaptive_run_is_the_true_one(told: float) -> None:
+    """The prediction holds the noise found so far, not the one that was told."""
+    nav, log = adaptive_run(told, 41.3)
+    sol = nav.run(log)
+    result = summary(sol, log, navigator=nav)
+    (sensor,) = result["sensors"]
+    np.testing.assert_allclose(sensor["noise"]["configured"], told)
+    np.testing.assert_allclose(sensor["noise"]["seen"], 41.3, rtol=0.1)
+    assert sensor["noise_scale"] == sol.final["noise_scale"]["star"]
+    times = np.sqrt(sensor["noise_scale"])
+    assert times == pytest.approx(41.3 / told, rel=0.15)
+    words = f"star: noise found while running: {times:.3g} times as told"
+    assert words in page(sol, result)
+    assert words in page(sol, summary(sol, log))  # without the navigator, too
+
+
+def test_a_run_that_does_not_adapt_says_nothing_of_noise_found(solution: Solution) -> None:
+    result = summary(solution)
+    assert all(sensor["noise_scale"] is None for sensor in result["sensors"])
+    assert "noise found" not in page(solution, result)
+
+
+def test_a_part_of_an_adaptive_run_is_judged_by_the_noise_found_too() -> None:
+    nav, log = adaptive_run(10.3, 41.3)
+    sol = nav.run(log)
+    part = sol[2000.0:3000.0]
+    (sensor,) = summary(part, log, navigator=nav)["sensors"]
+    assert sensor["noise_scale"] == sol.final["noise_scale"]["star"]
+    np.testing.assert_allclose(sensor["noise"]["seen"], 41.3, rtol=0.15)

@@ -278,3 +278,43 @@ def test_a_shortened_summary_is_the_replays(out: Path) -> None:
     assert found.summary is not None
     names = {f.name for f in dataclasses.fields(replay.Summary)}
     assert names <= set(found.summary)
+
+
+def test_noise_found_by_an_adaptive_filter_is_kept_and_told(tmp_path: Path) -> None:
+    """Noise as seen is the true one, though the filter was told a fifth of it."""
+    cameras = {name: cc.StarCamera(SIGMA / 5) for name in ("star_1", "star_2")}
+    nav = cc.StarGyroNavigator(cc.EKF(), cc.Gyro(1e-5, 1e-8), cameras, adaptive=50.0)
+    clean = simulate.Scenario(
+        simulate.constant_rate([0.0, -1e-3, 0.0], 1800.0, dt=0.25),
+        simulate.GyroErrors(1e-5, 1e-8),
+        dict.fromkeys(cameras, simulate.StarErrors(SIGMA, every=4)),
+    ).simulate(seed=4)
+    replay.run(clean.log, nav, tmp_path / "out", window=300.0)
+    health = replay.read(tmp_path / "out")["health"]
+    assert np.isfinite(health["noise_scale"]).all()
+    result = replay.report(tmp_path / "out", tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    for sensor in result["sensors"]:
+        np.testing.assert_allclose(sensor["noise"]["configured"], SIGMA / cc.ARCSEC / 5)
+        np.testing.assert_allclose(sensor["noise"]["seen"], SIGMA / cc.ARCSEC, rtol=0.15)
+        mine = health["noise_scale"][health["sensor"] == sensor["name"]]
+        assert sensor["noise_scale"] == mine[-1]
+        times = np.sqrt(mine[-1])
+        assert times == pytest.approx(5.0, rel=0.15)
+        assert f"{sensor['name']}: noise found while running: {times:.3g} times as told" in text
+
+
+def test_parts_of_a_filter_that_does_not_adapt_have_no_noise_found(out: Path) -> None:
+    assert np.isnan(replay.read(out)["health"]["noise_scale"]).all()
+    assert all(tally.judged(STATES)["noise_scale"] is None for tally in digest(out).tallies)
+
+
+def test_parts_of_before_the_noise_found_was_kept_are_read(out: Path, tmp_path: Path) -> None:
+    import pyarrow.parquet as parquet
+
+    shutil.copytree(out, tmp_path / "old")
+    for path in (tmp_path / "old" / "health").glob("part-*.parquet"):
+        parquet.write_table(parquet.read_table(path).drop_columns(["noise_scale"]), path)
+    now, old = digest(out), digest(tmp_path / "old")
+    for a, b in zip(now.tallies, old.tallies, strict=True):
+        assert a.judged(STATES) == b.judged(STATES)

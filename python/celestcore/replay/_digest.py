@@ -247,7 +247,8 @@ class _Reader:
             for row in every:
                 if row["sensor"] in tallies and "sx" in row:
                     sigma = np.array([row[n] for n in ("sx", "sy", "sz")])
-                    tallies[row["sensor"]].tell(sigma, row["fixes"])
+                    scale = row.get("noise_scale")  # not in parts of earlier versions
+                    tallies[row["sensor"]].tell(sigma, row["fixes"], scale)
 
 
 class _Odds:

@@ -301,7 +301,8 @@ def health(sol: Solution, told: Mapping[str, FloatArray]) -> dict[str, Any]:
     for number, name in enumerate(sol.sensor_names):
         own = sol.sensor == number
         sensors[name] = sol.nis[own], sol.dof[own], sol.accepted[own]
-    return health_table((float(sol.t[0]), float(sol.t[-1])), sensors, told)
+    span = float(sol.t[0]), float(sol.t[-1])
+    return health_table(span, sensors, told, sol.final.get("noise_scale"))
 
 
 def events(gaps: FloatArray, restarts: list[float]) -> dict[str, Any]:

@@ -92,18 +92,31 @@ def refused(navigator: Any, options: Mapping[str, Any], source: Source) -> NoRet
     )
 
 
-HEALTH = ("t", "t_end", "sensor", "fixes", "rejected", "nis_per_dof", "sx", "sy", "sz")
+HEALTH = (
+    "t",
+    "t_end",
+    "sensor",
+    "fixes",
+    "rejected",
+    "nis_per_dof",
+    "sx",
+    "sy",
+    "sz",
+    "noise_scale",
+)
 
 
 def health_table(
     span: tuple[float, float],
     sensors: Mapping[str, tuple[Any, Any, Any]],
     told: Mapping[str, FloatArray] | None = None,
+    scale: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """Return how each sensor fared: measurements, refused ones, mean NIS per degree of freedom.
 
     `sensors` has NIS, degrees of freedom and whether it was used of each measurement; `told` is
-    the noise that the filter was told, along the axes of the innovations, where it is known.
+    the noise that the filter was told, along the axes of the innovations, where it is known, and
+    `scale` what its variance was multiplied by at the end, if the filter adapts; else NaN.
     """
     out: dict[str, list[Any]] = {name: [] for name in HEALTH}
     for name, (nis, dof, accepted) in sensors.items():
@@ -111,7 +124,8 @@ def health_table(
         sigma = np.full(3, np.nan)
         known = (told or {}).get(name, sigma)
         sigma[: len(known)] = known
-        values = (*span, name, len(nis), int((~accepted).sum()), mean, *sigma.tolist())
+        found = float((scale or {}).get(name, np.nan))
+        values = (*span, name, len(nis), int((~accepted).sum()), mean, *sigma.tolist(), found)
         for column, value in zip(out.values(), values, strict=True):
             column.append(value)
     return {name: np.asarray(column) for name, column in out.items()}

@@ -64,19 +64,30 @@ class Tally:
         self._used = Thinned(self._values, buckets, even)
         self._refused = Thinned(self._values, max(buckets // 2, 1), even)
         self.configured: Array | None = None
-        self._told, self._weight = np.zeros(axes), 0
+        self.assumed: Array | None = None
+        self.noise_scale: float | None = None
+        self._told, self._held, self._weight = np.zeros(axes), np.zeros(axes), 0
 
     def _values(self, columns: Columns) -> list[Array]:
         mine = INNOVATION[: self.usual.dof] if self.usual.sigma is not None else ()
         return [columns["nis"], *(columns[name] for name in mine)]
 
-    def tell(self, sigma: Array, fixes: int) -> None:
-        """Add the noise that the filter was told of some fixes [rad], their root mean square."""
+    def tell(self, sigma: Array, fixes: int, scale: float | None = None) -> None:
+        """Add the noise that the filter was told of some fixes [rad], their root mean square.
+
+        `scale` is what an adaptive filter had multiplied its variance by at the end of these
+        fixes: it stands for all of them, which holds once the filter has found it.
+        """
+        factor = 1.0
+        if scale is not None and np.isfinite(scale):
+            factor = self.noise_scale = scale
         mine = sigma[: self.usual.dof]
         if fixes and np.isfinite(mine).all():
             self._told += fixes * mine**2
+            self._held += fixes * mine**2 * factor
             self._weight += fixes
             self.configured = np.sqrt(self._told / self._weight)
+            self.assumed = np.sqrt(self._held / self._weight)
 
     def add(self, columns: Columns) -> None:
         """Add the measurements of a part, in order of time."""
@@ -155,6 +166,7 @@ class Tally:
             innovation=stacked(INNOVATION),
             sigma=stacked(SIGMA),
             configured=None if self.configured is None else self.configured / ARCSEC,
+            noise_scale=self.noise_scale,
             whole=Whole(
                 rejected=self.fixes - self.accepted,
                 inside_3=tuple((self.inside_3 / good).tolist()),
@@ -168,9 +180,12 @@ class Tally:
         good, dof, seen = int(self._good.sum()), self.usual.dof, self.windows
         noise, full = None, self.usual.sigma is not None and good > 0
         if self.usual.sigma is not None and self.settled:
-            told = None if self.configured is None else self.configured / ARCSEC
+            told, held = (
+                None if sigma is None else sigma / ARCSEC
+                for sigma in (self.configured, self.assumed)
+            )
             unit = np.array([ARCSEC, ARCSEC**2, ARCSEC**2, 1.0, 1.0])[:, None]
-            noise = noise_of(self._moments / unit, self.settled, "arcsec", self.axes, told)
+            noise = noise_of(self._moments / unit, self.settled, "arcsec", self.axes, told, held)
         found = self.lags.tested()
         return {
             "name": self.name,
@@ -180,6 +195,7 @@ class Tally:
             "rejected": self.fixes - self.accepted,
             **scores(self.square if full else None, good, self.nis, good * dof, self.inside_95),
             "noise": noise,
+            "noise_scale": self.noise_scale,
             "white": None if found is None else white_of(found),
             "bursts": [
                 {"begin": b.begin, "end": b.end, "fixes": b.fixes} for b in self.bursts.found()
