@@ -74,8 +74,8 @@ class StarGyroNavigator:
     to be as probable as `huber` for one, Student's min(1, (nu + m) / (nu + d^2)) (Masreliez 1975;
     Chang 2014). Adaptation climbs the likelihood of the innovations, each cut off where 99 % of
     good ones end. A gate is in its way where the noise is more than twice what is told: it then
-    refuses nearly all fixes; weights are not. The NIS and innovations in a solution are those of the measurement
-    as it came, with the noise found so far. Not with `IteratedEKF`.
+    refuses nearly all fixes; weights are not. The NIS and innovations in a solution are those of
+    the measurement as it came, with the noise found so far. Not with `IteratedEKF`.
 
     Raises
     ------
