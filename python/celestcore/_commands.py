@@ -17,6 +17,7 @@ from rich.table import Table
 from celestcore import _reading_options as options
 from celestcore import cli
 from celestcore.campaign._command import register
+from celestcore.errors import InputError
 from celestcore.solution import package_version
 from celestcore.summary import headline, spell_time, summary
 from celestcore.units import ARCSEC, DEG_PER_HOUR
@@ -126,17 +127,17 @@ def replay(
         ),
     ] = None,
     every: Annotated[
-        int,
+        Optional[int],  # noqa: UP045
         typer.Option(
             "--every", metavar="N", help="With --parts: a row every N samples, or fixes' times."
         ),
-    ] = 1,
+    ] = None,
     interval: Annotated[
-        float,
+        Optional[float],  # noqa: UP045
         typer.Option(
             "--interval", metavar="S", help="With --checkpoint: least time between two in s."
         ),
-    ] = 30.0,
+    ] = None,
     report: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option("--report", metavar="OUT.html|.png", help="Write a report with pictures."),
@@ -155,7 +156,10 @@ def replay(
 ) -> None:
     """Estimate attitude and gyro bias, or orbit and attitude, over a whole log."""
     reading = options.chosen(format_name, reorder, jump, damaged, epoch, stamps, option)
+    of_parts = {"--window": window, "--every": every, "--interval": interval}
     if parts is not None or checkpoint is not None or resume:
+        if interval is not None and checkpoint is None:
+            raise InputError("goes with --checkpoint FILE", field="--interval")
         from celestcore._parts_command import replay_parts
 
         others: dict[str, object] = {"--output": output, "--withhold": withhold}
@@ -165,9 +169,9 @@ def replay(
             {
                 "resume": resume,
                 "window": window,
-                "every": every,
+                "every": 1 if every is None else every,
                 "smooth": smooth,
-                "interval": interval,
+                "interval": 30.0 if interval is None else interval,
             },
             {
                 "config": config,
@@ -181,6 +185,9 @@ def replay(
             shlex.join(_command()),
         )
         return
+    for name, value in of_parts.items():
+        if value is not None:
+            raise InputError("goes with --parts DIR", field=name, value=value)
     request = cli.Replay(
         *(log, sample, kind, config, gate, period, withhold, output, report, json_file, smooth),
         reading=reading,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -48,3 +48,27 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_outputs(
+    outputs: Iterable[tuple[str, Path | None]], inputs: Iterable[Path | None]
+) -> None:
+    """Refuse files that cannot be written, or would overwrite each other or what is read.
+
+    Raises
+    ------
+    InputError
+        Names the option.
+    """
+    targets: dict[Path, str] = {}
+    sources = [Path(os.path.realpath(source)) for source in inputs if source is not None]
+    for option, path in outputs:
+        if path is None:
+            continue
+        target = check_output(path, option)
+        if target in targets:
+            raise InputError(f"is the same file as {targets[target]}: {path}", field=option)
+        targets[target] = option
+        for source in sources:
+            if target == source or (source.is_dir() and source in target.parents):
+                raise InputError(f"would write into the input {source}", field=option)

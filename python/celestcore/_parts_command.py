@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
+import os
 from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from celestcore._files import check_output, replacing
+from celestcore._files import check_outputs, replacing
 from celestcore._optional import require
 from celestcore.config import Settings
-from celestcore.errors import InputError
+from celestcore.errors import CelestcoreError, InputError
 from celestcore.formats import open_log
 from celestcore.io import warn_left_out
 from celestcore.replay import Summary, report, run
@@ -20,6 +22,16 @@ from celestcore.replay._report import check as check_report
 if TYPE_CHECKING:
     from celestcore.gnss import GnssStarNavigator
     from celestcore.navigator import StarGyroNavigator
+
+
+class Stopped(CelestcoreError):  # noqa: N818  (a user sees its message only)
+    """A replay that could not go on, with what it leaves."""
+
+
+class Interrupted(Stopped):
+    """The same on Ctrl-C."""
+
+    exit_code = 130
 
 
 @dataclasses.dataclass
@@ -40,6 +52,7 @@ class Parts:
     json: str | None = None
     reading: dict[str, Any] = dataclasses.field(default_factory=dict)
     report: Path | None = None
+    title: str = ""
     told: dict[str, str] = dataclasses.field(default_factory=dict)
     """Noise and gate of the run, in words."""
     disorder: dict[str, str] = dataclasses.field(default_factory=dict)
@@ -47,10 +60,19 @@ class Parts:
 
     def check(self) -> None:
         """Refuse what cannot be written, before anything is computed."""
-        if self.checkpoint is not None:
-            check_output(self.checkpoint, "--checkpoint")
         if self.report is not None:
             check_report(self.report, "--report")
+        json_file = None if self.json in (None, "-") else Path(str(self.json))
+        outputs = (
+            ("--checkpoint", self.checkpoint),
+            ("--report", self.report),
+            ("--json", json_file),
+        )
+        check_outputs(outputs, (self.log, self.config))
+        folder = Path(os.path.realpath(self.folder))
+        real = Path(os.path.realpath(self.log))
+        if folder == real or real in folder.parents:
+            raise InputError(f"would write into the input {self.log}", field="--parts")
         if self.resume and self.checkpoint is None:
             raise InputError("needs --checkpoint FILE, to go on from", field="--resume")
         if not self.folder.absolute().parent.is_dir():
@@ -78,6 +100,11 @@ class Parts:
                     "logs with GNSS fixes, too",
                     field="--report",
                 )
+            title = stream.settings.get("log", {}).get("title") or self.log.name
+            self.title = str(title)
+            start: dict[str, Any] = {}
+            if settings.sigma0() is not None and "Noise of positions" not in self.told:
+                start["sigma0"] = settings.sigma0()
             made = run(
                 stream,
                 navigator,
@@ -89,6 +116,7 @@ class Parts:
                 interval=self.interval,
                 resume=self.resume,
                 progress=progress,
+                **start,
             )
             warn_left_out(stream)
             for name, found in stream.reports.items():
@@ -97,6 +125,13 @@ class Parts:
                     since = " since it went on" if made.resumed else ""
                     self.disorder[f"Rows of {name} out of order{since}"] = ", ".join(counts)
             return made
+
+    def left(self) -> str:
+        """Return what there is after a stop."""
+        there = f"the parts so far are in {self.folder}"
+        if self.checkpoint is None or not self.checkpoint.exists():
+            return f"{there}; with --checkpoint FILE a replay can be gone on with"
+        return f"{there}; the same command with --resume goes on"
 
     def words(self, summary: Summary) -> list[str]:
         """Return what happened as lines for people."""
@@ -126,10 +161,8 @@ class Parts:
     def write(self, summary: Summary, command: str) -> None:
         """Write the report and the summary as JSON."""
         if self.report is not None:
-            with open_log(self.log) as stream:
-                title = stream.settings.get("log", {}).get("title") or self.log.name
             more = {**self.told, **self.disorder}
-            report(self.folder, self.report, title=str(title), settings=more, command=command)
+            report(self.folder, self.report, title=self.title, settings=more, command=command)
         text = json.dumps(dataclasses.asdict(summary), indent=1)
         if self.json == "-":
             print(text)
@@ -173,7 +206,14 @@ def replay_parts(
     rich = require("rich.console", extra="cli", what="the command line")
     console = rich.Console(stderr=more["json"] == "-", highlight=False, markup=False)
     with console.status("replaying") as status:
-        summary = request.run(lambda t: status.update(f"replaying: t = {t:,.0f} s"))
+        try:
+            summary = request.run(lambda t: status.update(f"replaying: t = {t:,.0f} s"))
+        except KeyboardInterrupt:
+            raise Interrupted(f"interrupted: {request.left()}") from None
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+            raise Stopped(f"the disk is full: {request.left()}") from error
     request.write(summary, command)
     for line in request.words(summary):
         console.print(line, soft_wrap=True)

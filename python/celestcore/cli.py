@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from celestcore._files import check_output, replacing
+from celestcore._files import check_outputs, replacing
 from celestcore._optional import require
 from celestcore.errors import CelestcoreError, CelestcoreWarning, InputError
 from celestcore.units import ARCSEC, DEG_PER_HOUR_PER_SQRT_HOUR, DEG_PER_SQRT_HOUR
@@ -137,13 +137,7 @@ class Replay:
         MissingDependencyError
             If a package that an output needs is not installed.
         """
-        targets: dict[Path, str] = {}
-        for option, path in self._outputs():
-            target = check_output(path, option)
-            if target in targets:
-                raise InputError(f"is the same file as {targets[target]}: {path}", field=option)
-            targets[target] = option
-            self._check_not_input(target, option)
+        check_outputs(self._outputs(), (self.log, self.config))
         if self.output is not None:
             ending = self.output.suffix.lower()
             if ending not in ENDINGS:
@@ -167,14 +161,6 @@ class Replay:
             ("--json", None if self.json in (None, STDOUT) else Path(str(self.json))),
         )
         return [(option, path) for option, path in named if path is not None]
-
-    def _check_not_input(self, target: Path, option: str) -> None:
-        for source in (self.log, self.config):
-            if source is None:
-                continue
-            real = Path(os.path.realpath(source))
-            if target == real or (real.is_dir() and real == target.parent):
-                raise InputError(f"would write into the input {source}", field=option)
 
     def load(self) -> tuple[SensorLog, Settings]:
         """Read the log and its settings; --config wins over them, options win over both."""

@@ -21,6 +21,8 @@ use values::{
 
 /// Rows that a run may ask for: memory is not what is looked at.
 const ROWS: usize = 10_000;
+/// Variances, rad², beyond which squares overflow: what a filter makes of them is of no interest.
+const ABSURD: f64 = 1e100;
 
 /// A log through any filter, forward or forward and back.
 pub fn replay(data: &[u8]) {
@@ -113,6 +115,9 @@ fn streamed(u: &mut Unstructured<'_>) -> Result<()> {
     }
     let mut kept = stream.snapshot();
     for _ in 0..u.int_in_range(0..=40)? {
+        if stream.state().1.iter().any(|p| p.abs() > ABSURD) {
+            return Ok(());
+        }
         let t = stream.time() + value(u, 0.3)?;
         let before = stream.snapshot();
         let failed = match u.int_in_range(0..=6)? {
@@ -159,11 +164,15 @@ fn finite(x: &[f64; 3]) -> bool {
 mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
+    use proptest::test_runner::RngSeed;
 
     fn config() -> ProptestConfig {
         let told = std::env::var("CELESTCORE_FUZZ_CASES").ok().and_then(|n| n.parse().ok());
+        // the same ones in every run of the tests; other ones when more are asked for
+        let rng_seed = if told.is_some() { RngSeed::Random } else { RngSeed::Fixed(2026) };
         let cases = told.unwrap_or(10_000);
-        ProptestConfig { cases, max_shrink_iters: 300, failure_persistence: None, ..ProptestConfig::default() }
+        let given = ProptestConfig { cases, rng_seed, ..ProptestConfig::default() };
+        ProptestConfig { max_shrink_iters: 300, failure_persistence: None, ..given }
     }
 
     proptest! {
