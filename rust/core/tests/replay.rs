@@ -203,3 +203,12 @@ fn a_poll_can_end_the_run() {
     let result = run(&AnyFilter::Ekf(Ekf::default()), log, &start, &options, columns, measured, &mut poll);
     assert_eq!(result.err(), Some(Error::Interrupted));
 }
+
+/// Found by fuzzing: rows were counted up to a last sample that was not the latest.
+#[test]
+fn times_that_go_back_are_an_error_with_a_period_too() {
+    let mut made = made(40, 5);
+    made.t[39] = made.t[20];
+    let result = replay(&made, &AnyFilter::Ekf(Ekf::default()), Output::Period(0.05), Level::Portable, 0.0);
+    assert!(matches!(result, Err(Error::NotIncreasing { row: 39, .. })));
+}

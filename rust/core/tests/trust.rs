@@ -344,3 +344,14 @@ fn one_sample_has_no_gap() {
         assert_eq!(celestcore_core::attitude::gap_limit(t, -1.0), f64::INFINITY);
     }
 }
+
+/// Found by fuzzing.
+#[test]
+fn a_covariance_beyond_all_bounds_tells_nothing_of_the_noise() {
+    let (mut p, s) = (prior(), start(&made(2, 1)));
+    p[(2, 2)] = 1e300;
+    let ekf = AnyFilter::Ekf(Ekf::default());
+    let mut stream = Stream::new(ekf, model(), TIMING, adaptive(9.0), 0.0, s.mean, &p).unwrap();
+    let _ = stream.update_star(0.0, 0, &exp(&[0.0, 0.0, 1.0]), &made(2, 1).noise[0]);
+    assert!(stream.noise_scale()[0].is_finite());
+}

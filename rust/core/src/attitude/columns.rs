@@ -107,6 +107,13 @@ fn output_rows(times: &[f64], start: f64, last: f64, output: Output) -> Result<u
             Ok((times.len() - first).div_ceil(n))
         }
         Output::Period(p) if p.is_finite() && p > 0.0 => {
+            // rows are counted up to the last sample: it has to be the latest
+            for (row, pair) in times.windows(2).enumerate() {
+                if pair[1].partial_cmp(&pair[0]) != Some(std::cmp::Ordering::Greater) {
+                    let (previous, value) = (pair[0], pair[1]);
+                    return Err(Error::NotIncreasing { field: "gyro.t", row: row + 1, previous, value });
+                }
+            }
             let estimate = ((last - start) / p).max(0.0);
             if estimate > MAX_ROWS || last + p <= last {
                 let need = "is too short for the log's span: it makes too many rows, or does not move the time";

@@ -183,6 +183,9 @@ impl Trusted {
         let expected = share[(0, 0)] + share[(1, 1)] + share[(2, 2)];
         let cut = (self.cut[m - 1] / report.nis).min(1.0);
         let step = self.gain * (seen * cut / self.mean[m - 1] - expected) / m as f64;
+        if !step.is_finite() {
+            return scale; // a covariance beyond all bounds tells nothing
+        }
         // a step of more than a factor of two would be a guess
         scale * step.clamp(-std::f64::consts::LN_2, std::f64::consts::LN_2).exp()
     }
