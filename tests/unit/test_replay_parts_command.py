@@ -136,3 +136,85 @@ def test_options_are_checked(log, tmp_path, monkeypatch, capsys, words, message)
     assert command("replay", log, *words) != 0
     assert re.search(message, capsys.readouterr().err.replace("\n", " "))
     assert not (tmp_path / "x").exists()
+
+
+def test_the_start_of_a_configuration_is_taken(log, tmp_path):
+    config = tmp_path / "start.toml"
+    config.write_text("[start]\nsigma_bias = 1e-8\nsigma_attitude_arcsec = 60.0\n")
+    done = command("replay", log, "--config", config, "--parts", tmp_path / "out", "--every", 600)
+    assert done == 0
+    sample = cc.sample("fermi")
+    settings = cc.Settings.from_log(sample).merged(cc.Settings.from_toml(config))
+    whole = settings.navigator().run(sample, sigma0=settings.sigma0(), every=600)
+    rows = replay.read(tmp_path / "out")["rows"]
+    np.testing.assert_array_equal(rows["s_bx"][: len(whole.t)], whole.sigma[:, 3])
+
+
+def test_options_of_reading_reach_the_report(tmp_path, capsys):
+    sample = cc.sample("fermi")
+    own = cc.SensorLog(
+        gyro=(sample.gyro.t[:600], sample.gyro.rate[:600]),
+        star=(sample.stars["star"].t[:600], sample.stars["star"].q[:600]),
+        epoch=sample.epoch,
+    )
+    cc.write_log(own, tmp_path / "a.csv")
+    (tmp_path / "a.csv").rename(tmp_path / "a.measured")
+    config = tmp_path / "c.toml"
+    config.write_text("[gyro]\narw = 1e-6\nrrw = 1e-9\n[star]\nsigma_arcsec = 5.0\n")
+    words = ["replay", tmp_path / "a.measured", "--format", "csv", "--config", config]
+    page = tmp_path / "a.html"
+    done = command(*words, "--parts", tmp_path / "out", "--report", page)
+    assert done == 0, capsys.readouterr().err
+    assert page.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--json", "LOG/gyro.parquet"], "--json: would write into the input"),
+        (["--checkpoint", "LOG/log.toml"], "--checkpoint: would write into the input"),
+        (["--checkpoint", "x", "--json", "x"], "--json: is the same file as --checkpoint"),
+        (["--json", "nodir/x.json"], "--json: "),
+        (["--parts", "LOG"], "--parts: would write into the input"),
+        (["--interval", "5"], "--interval: goes with --checkpoint"),
+    ],
+)
+def test_nothing_is_overwritten(log, tmp_path, monkeypatch, capsys, words, message):
+    monkeypatch.chdir(tmp_path)
+    before = {path: path.stat().st_mtime_ns for path in log.iterdir()}
+    given = [word.replace("LOG", str(log)) for word in words]
+    assert command("replay", log, "--parts", tmp_path / "out", *given) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+    assert {path: path.stat().st_mtime_ns for path in log.iterdir()} == before
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("option", ["--every", "--window", "--interval"])
+def test_options_of_parts_go_with_them(log, tmp_path, capsys, option):
+    assert command("replay", log, option, 5, "-o", tmp_path / "a.parquet") == 2
+    assert f"{option}, value 5" in capsys.readouterr().err
+    assert not (tmp_path / "a.parquet").exists()
+
+
+@pytest.mark.parametrize("kept", [True, False])
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (OSError(28, "No space left on device"), 2, "the disk is full"),
+    ],
+)
+def test_a_stop_says_what_is_left(log, tmp_path, monkeypatch, capsys, error, code, words, kept):
+    from celestcore import _parts_command
+
+    def stopped(*_, checkpoint, **__):
+        if checkpoint is not None:
+            checkpoint.write_text("{}")
+        raise error
+
+    monkeypatch.setattr(_parts_command, "run", stopped)
+    more = ["--checkpoint", tmp_path / "c.json"] if kept else []
+    assert command("replay", log, "--parts", tmp_path / "out", *more) == code
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"{words}: the parts so far are in" in said
+    assert ("--resume" in said) == kept
