@@ -100,7 +100,9 @@ pub(crate) fn covariance(u: &mut Unstructured<'_>) -> Result<Matrix<f64, 6, 6>> 
     for i in 0..6 {
         for j in 0..=i {
             let size = if i < 3 { 1e-2 } else { 1e-3 };
-            root[(i, j)] = value(u, if i == j { size } else { 0.3 * size })?;
+            let entry = value(u, if i == j { size } else { 0.3 * size })?;
+            // whether a singular one passes for positive definite is up to rounding
+            root[(i, j)] = if i == j { entry.abs().max(1e-3 * size) } else { entry };
         }
     }
     Ok(root * root.transpose())
