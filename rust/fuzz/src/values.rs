@@ -80,8 +80,10 @@ pub(crate) fn quaternion(u: &mut Unstructured<'_>) -> Result<[f64; 4]> {
 }
 
 pub(crate) fn noise(u: &mut Unstructured<'_>) -> Result<[f64; 6]> {
-    // a fix without noise along an axis is refused where sensors are described: here rounding would decide about it
-    let s: [f64; 3] = Given::many(u, |u| Ok(value(u, 1e-3)?.abs().max(1e-9)))?;
+    // A fix without noise along an axis is refused where sensors are described. Axes a million times as sharp as others are
+    // too much for the invariant filter: what it tells along the body's axes is turned there from the inertial ones, and
+    // rounding may leave a variance below zero, of which sigma is no number.
+    let s: [f64; 3] = Given::many(u, |u| Ok(value(u, 1e-3)?.abs().max(1e-6)))?;
     let off = if u.ratio(1, 8)? { value(u, 1e-7)? } else { 0.0 };
     Ok([s[0] * s[0], off, 0.0, s[1] * s[1], 0.0, s[2] * s[2]])
 }
