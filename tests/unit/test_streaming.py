@@ -86,9 +86,18 @@ def begin(nav: cc.StarGyroNavigator, log: cc.SensorLog) -> StarGyroState:
 
 def everything(state: StarGyroState) -> tuple[Any, ...]:
     """All that a state carries, comparable with ==."""
-    t, q, bias, matrix, last, steps, past = state._snapshot()
+    t, q, bias, matrix, last, steps, past, scale = state._snapshot()
     latest = None if last is None else (last[0], tuple(last[1]))
-    return (t, tuple(q), tuple(bias), np.asarray(matrix).tobytes(), latest, steps, past.tobytes())
+    return (
+        t,
+        tuple(q),
+        tuple(bias),
+        np.asarray(matrix).tobytes(),
+        latest,
+        steps,
+        past.tobytes(),
+        *scale,
+    )
 
 
 # the same as a run
