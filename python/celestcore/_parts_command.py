@@ -11,27 +11,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from celestcore._files import check_outputs, replacing
+from celestcore._interrupted import Interrupted
 from celestcore._optional import require
 from celestcore.config import Settings
 from celestcore.errors import CelestcoreError, InputError
 from celestcore.formats import open_log
 from celestcore.io import warn_left_out
+from celestcore.navigator import StarGyroNavigator
 from celestcore.replay import Summary, report, run
 from celestcore.replay._report import check as check_report
 
 if TYPE_CHECKING:
     from celestcore.gnss import GnssStarNavigator
-    from celestcore.navigator import StarGyroNavigator
-
-
-class Stopped(CelestcoreError):  # noqa: N818  (a user sees its message only)
-    """A replay that could not go on, with what it leaves."""
-
-
-class Interrupted(Stopped):
-    """The same on Ctrl-C."""
-
-    exit_code = 130
 
 
 @dataclasses.dataclass
@@ -94,17 +85,14 @@ class Parts:
                 options["gate"] = {"probability": self.gate}
             settings = settings.merged(options)
             navigator, self.told = _navigator(stream.sensors, settings)
-            if self.report is not None and "Noise of positions" in self.told:
+            attitudes = isinstance(navigator, StarGyroNavigator)
+            if self.report is not None and not attitudes:
                 raise InputError(
                     "tells of attitudes from a gyro and star cameras; without --parts it tells of "
                     "logs with GNSS fixes, too",
                     field="--report",
                 )
-            title = stream.settings.get("log", {}).get("title") or self.log.name
-            self.title = str(title)
-            start: dict[str, Any] = {}
-            if settings.sigma0() is not None and "Noise of positions" not in self.told:
-                start["sigma0"] = settings.sigma0()
+            self.title = str(stream.settings.get("log", {}).get("title") or self.log.name)
             made = run(
                 stream,
                 navigator,
@@ -116,7 +104,7 @@ class Parts:
                 interval=self.interval,
                 resume=self.resume,
                 progress=progress,
-                **start,
+                sigma0=settings.sigma0() if attitudes else None,
             )
             warn_left_out(stream)
             for name, found in stream.reports.items():
@@ -213,7 +201,7 @@ def replay_parts(
         except OSError as error:
             if error.errno != errno.ENOSPC:
                 raise
-            raise Stopped(f"the disk is full: {request.left()}") from error
+            raise CelestcoreError(f"the disk is full: {request.left()}") from error
     request.write(summary, command)
     for line in request.words(summary):
         console.print(line, soft_wrap=True)

@@ -17,6 +17,7 @@ from celestcore.navigator import StarGyroState
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from streams import everything
 
 Array = NDArray[np.float64]
 FILTERS = {
@@ -41,21 +42,6 @@ def samples(n: int, seed: int = 0) -> tuple[Array, Array]:
     """Steps and rates."""
     rng = np.random.default_rng(seed)
     return rng.uniform(0.05, 0.3, n), rng.normal(size=(n, 3)) * 0.1
-
-
-def everything(state: StarGyroState) -> tuple[Any, ...]:
-    t, q, bias, matrix, last, steps, past, scale = state._snapshot()
-    latest = None if last is None else (last[0], tuple(last[1]))
-    return (
-        t,
-        tuple(q),
-        tuple(bias),
-        np.asarray(matrix).tobytes(),
-        latest,
-        steps,
-        past.tobytes(),
-        *scale,
-    )
 
 
 # the same as predict, and as a run

@@ -14,6 +14,7 @@ from celestcore import quaternion as quat
 from celestcore.navigator import StarGyroState
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from streams import everything
 
 Array = NDArray[np.float64]
 SIGMA = 10 * cc.ARCSEC
@@ -82,22 +83,6 @@ def feed(state: StarGyroState, log: cc.SensorLog, event: tuple[float, int, int])
 
 def begin(nav: cc.StarGyroNavigator, log: cc.SensorLog) -> StarGyroState:
     return nav.start(log.span[0], quat.exp([0.3, -0.5, 0.8]), sigma0=START)
-
-
-def everything(state: StarGyroState) -> tuple[Any, ...]:
-    """All that a state carries, comparable with ==."""
-    t, q, bias, matrix, last, steps, past, scale = state._snapshot()
-    latest = None if last is None else (last[0], tuple(last[1]))
-    return (
-        t,
-        tuple(q),
-        tuple(bias),
-        np.asarray(matrix).tobytes(),
-        latest,
-        steps,
-        past.tobytes(),
-        *scale,
-    )
 
 
 # the same as a run

@@ -18,10 +18,11 @@ from rich.table import Table
 
 from celestcore._arguments import processors
 from celestcore._files import check_output, replacing
+from celestcore._interrupted import Interrupted
 from celestcore.campaign._config import Campaign
 from celestcore.campaign._results import Results
 from celestcore.campaign._run import Progress, run
-from celestcore.errors import CelestcoreError, InputError
+from celestcore.errors import InputError
 from celestcore.summary import spell_time
 from celestcore.units import ARCSEC, DEG_PER_HOUR
 
@@ -29,12 +30,6 @@ STDOUT = "-"
 SHOWN = 40
 """Cells in the table for people at most."""
 Bar = Callable[[str], AbstractContextManager["Progress | None"]]
-
-
-class Interrupted(CelestcoreError):  # noqa: N818  (a user sees its message only)
-    """Ctrl-C: what was finished is kept."""
-
-    exit_code = 130
 
 
 @dataclass(frozen=True)
