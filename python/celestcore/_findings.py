@@ -11,7 +11,13 @@ import numpy as np
 from celestcore._fixes import Fixes
 from celestcore._health import BURST, bursts, noise, silences, white, windows
 from celestcore.solution import Array
-from celestcore.summary import FEW_FIXES, inside_95, spell_time, too_many_rejected
+from celestcore.summary import (
+    FEW_FIXES,
+    MANY_TIMES,
+    inside_95,
+    spell_time,
+    too_many_rejected,
+)
 
 TOO_SMALL, TOO_LARGE = 1.25, 0.8
 """NIS per degree of freedom above which error bars are too small, below which too large."""
@@ -24,6 +30,8 @@ OFFSET_ERRORS, OFFSET_SIGMA = 5.0, 0.2
 LONG_SILENCE = 10.0
 """A time without fixes matters beyond so many usual steps."""
 MISSING = 0.01
+SOME_REJECTED = 0.01
+"""Share of rejected fixes that is worth a look, if a gate rejects fewer good ones."""
 SETTLING, WANDERING = 0.8, 4.0
 
 Finding = dict[str, Any]
@@ -341,9 +349,22 @@ def of_counts(counts: Mapping[str, int], samples: str = "samples") -> Iterator[F
 
 
 def of_rejections(counts: Mapping[str, int], gate: float | None) -> Iterator[Finding]:
-    """Yield that far more was rejected than the gate rejects of good fixes."""
-    if too_many_rejected(dict(counts), gate):
-        all_of_them = counts["accepted"] + counts["rejected"]
+    """Yield that more was rejected than the gate rejects of good fixes: far more, or some."""
+    all_of_them = counts["accepted"] + counts["rejected"]
+    good = 0.0 if gate is None else 1.0 - gate
+    some = max(10.0, max(SOME_REJECTED, MANY_TIMES * good) * all_of_them)
+    many = too_many_rejected(dict(counts), gate)
+    if counts["rejected"] > some and gate is not None and not many:
+        yield finding(
+            "look",
+            "some rejected",
+            f"{counts['rejected']:,} of {all_of_them:,} fixes were rejected",
+            f"That is {100.0 * counts['rejected'] / all_of_them:.3g} %; of good fixes the gate "
+            f"rejects {100.0 * good:.3g} %.",
+            "If they come in stretches, look there. If they are scattered, some fixes are wrong "
+            "now and then: huber or student_t weigh them instead.",
+        )
+    if many:
         yield finding(
             "act",
             "many rejected",

@@ -10,6 +10,7 @@ from typing import Any
 import celestcore as cc
 import numpy as np
 import pytest
+from celestcore import _findings
 from celestcore._fixes import Fixes, configured_noise, of_attitude
 from celestcore._health import (
     FEW,
@@ -264,3 +265,19 @@ def test_a_part_of_an_adaptive_run_is_judged_by_the_noise_found_too() -> None:
     (sensor,) = summary(part, log, navigator=nav)["sensors"]
     assert sensor["noise_scale"] == sol.final["noise_scale"]["star"]
     np.testing.assert_allclose(sensor["noise"]["seen"], 41.3, rtol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("rejected", "gate", "rules"),
+    [
+        (0, 0.9999, []),
+        (9, 0.9999, []),
+        (12, 0.99, []),  # of good ones ten
+        (50, 0.9999, ["some rejected"]),
+        (50, None, []),  # nothing is refused without a gate: what is not used is another matter
+        (200, 0.9999, ["many rejected"]),
+    ],
+)
+def test_rejections_of_a_gate(rejected: int, gate: float | None, rules: list[str]) -> None:
+    counts = {"accepted": 1000 - rejected, "rejected": rejected}
+    assert [found["rule"] for found in _findings.of_rejections(counts, gate)] == rules

@@ -328,6 +328,10 @@ def _odd_parts(result: Mapping[str, Any], times: Times) -> str:
     return f"<h2>Parts that stand out{more}</h2>" + _page.grid(head, rows)
 
 
+def _each(every: int) -> str:
+    return "each gyro sample" if every == 1 else f"{every} gyro samples"
+
+
 def _run_table(
     found: Digest,
     result: Mapping[str, Any],
@@ -346,7 +350,7 @@ def _run_table(
         **{name: escape(words) for name, words in (settings or {}).items()},
         "Starts again after": "never" if most is None else f"{most} measurements refused running",
         "Rows": f"{marked(result, 'counts.rows')} in {marked(result, 'counts.parts')} parts, one "
-        f"for {options.get('every', 1)} gyro samples",
+        f"for {_each(options.get('every', 1))}",
         "Parts": f"<code>{escape(folder)}</code>",
         "Gyro gaps": base.gap_words(found.gaps),
         "Rows that came too late": marked(result, "counts.late"),

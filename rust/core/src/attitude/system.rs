@@ -112,7 +112,7 @@ pub(super) fn believe_star<Y: System<N>, F: Filter, T: Real<Mask = bool>, const 
         noise,
         scale,
         #[inline(always)]
-        |other, gates| system.star::<F, T>(filter, belief, sensor, (q, other.unwrap_or(noise)), gates),
+        |noise, gates| system.star::<F, T>(filter, belief, sensor, (q, noise), gates),
     )
 }
 
@@ -130,8 +130,10 @@ pub(super) fn believe_direction<Y: System<N>, F: Filter, T: Real<Mask = bool>, c
         &[variance, 0.0, 0.0, variance, 0.0, 0.0],
         scale,
         #[inline(always)]
-        |other, gates| {
-            let sigma = other.map_or(reference.sigma, |noise| largest(noise).sqrt());
+        |noise, gates| {
+            // its own to the last bit, unless it counts otherwise
+            let own = noise[0] == variance && noise[3] == variance && noise[1] == 0.0;
+            let sigma = if own { reference.sigma } else { largest(noise).sqrt() };
             system.direction::<F, T>(filter, belief, body, &Reference { sigma, ..*reference }, gates)
         },
     )

@@ -119,50 +119,49 @@ impl Trusted {
     }
 
     /// Corrects by a measurement with this noise (packed; of fewer degrees of freedom the first ones), multiplied by the
-    /// `scale` of its sensor. `update` is given the noise to compute with, `None` for its own, and gates. The report is that of
-    /// the measurement as it came.
+    /// `scale` of its sensor. `update` is given the noise to compute with and gates. The report is that of the measurement as
+    /// it came.
     #[inline(always)]
     pub(super) fn correct(
         &self,
         noise: &[f64; 6],
         scale: Option<&Cell<f64>>,
-        mut update: impl FnMut(Option<&[f64; 6]>, &[f64; MAX_DOF]) -> Report,
+        mut update: impl FnMut(&[f64; 6], &[f64; MAX_DOF]) -> Report,
     ) -> Report {
         let plain = self.is_plain();
-        let mut counted = noise.map(|r| r * scale.map_or(1.0, Cell::get));
-        let mut first: Option<Report> = None;
-        // one call of `update` in the code, though it may run twice: it is compiled into the filter's loop
-        loop {
-            let looks = first.is_none() && self.robust != Robust::Full;
-            let gates = match (&first, looks) {
-                (None, false) => &self.gates,
-                (None, true) => &CLOSED,
-                (Some(_), _) => &OPEN,
-            };
-            let report = update((!plain).then_some(&counted), gates);
-            if plain {
-                return report;
-            }
-            // outside the gate it stays as it was refused behind the closed one
-            if looks && report.ok && self.gates[report.dof - 1] > report.nis {
-                let more = 1.0 / self.weight(&report) - 1.0;
-                for (r, (i, j)) in counted.iter_mut().zip(PACKED) {
-                    if more > 0.0 && i.max(j) < report.dof {
-                        *r += more * report.covariance[i][j];
-                    }
-                }
-                first = Some(report);
-                continue;
-            }
-            let report = match first {
-                Some(seen) => Report { ok: report.ok, accepted: report.accepted, rows: report.rows, ..seen },
-                None => report,
-            };
-            if let Some(scale) = scale.filter(|_| self.gain > 0.0 && report.ok && report.nis > 0.0) {
-                scale.set(self.adapted(&report, noise, scale.get()));
-            }
-            return report;
+        let (mut counted, mut gates, mut seen) = (*noise, &self.gates, None);
+        if !plain {
+            let scale = scale.map_or(1.0, Cell::get);
+            counted = noise.map(|r| r * scale);
+            gates = if self.robust == Robust::Full { gates } else { &CLOSED };
         }
+        let mut report;
+        // One call of `update` in the code, though it may run twice: it is compiled into the filter's loop. And one report,
+        // written where it is returned: most logs are plain, and have nothing to pay for what they do not ask for.
+        loop {
+            report = update(&counted, gates);
+            if plain || seen.is_some() || self.robust == Robust::Full || !report.ok {
+                break;
+            }
+            if self.gates[report.dof - 1] <= report.nis {
+                break; // outside the gate it stays as it was refused behind the closed one
+            }
+            let more = 1.0 / self.weight(&report) - 1.0;
+            for (r, (i, j)) in counted.iter_mut().zip(PACKED) {
+                if more > 0.0 && i.max(j) < report.dof {
+                    *r += more * report.covariance[i][j];
+                }
+            }
+            seen = Some((report.nis, report.innovation, report.covariance));
+            gates = &OPEN;
+        }
+        if let Some((nis, innovation, covariance)) = seen {
+            (report.nis, report.innovation, report.covariance) = (nis, innovation, covariance);
+        }
+        if let Some(scale) = scale.filter(|_| self.gain > 0.0 && report.ok && report.nis > 0.0) {
+            scale.set(self.adapted(&report, noise, scale.get()));
+        }
+        report
     }
 
     /// The noise's scale after a measurement: a step up the slope of the logarithm of its likelihood,
